@@ -1,0 +1,51 @@
+# Two commands on a fresh machine with Python and make: `make run` and `make test`. Each sets up everything it needs.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: run test check bench clean batteries golden
+
+run: $(VENV)/.ready
+	@$(BIN)/python -m sim.demo
+
+test: $(VENV)/.ready-dev check
+	$(BIN)/pytest -n auto
+
+check: $(VENV)/.ready-dev
+	$(BIN)/ruff check --quiet
+	$(BIN)/ruff format --check --quiet
+	$(BIN)/lint-imports --no-cache
+	$(BIN)/mypy
+
+bench: $(VENV)/.ready-bench
+	$(BIN)/pytest tests/benchmarks -p no:xdist --benchmark-disable-gc --benchmark-columns=median,iqr,rounds -o addopts="-q --import-mode=importlib"
+
+# What ships in config/batteries, from the recordings that it was fitted to.
+batteries: $(VENV)/.ready
+	$(BIN)/python -m bhm_service.identification.generic_lipo ../shared/data/lab/maxamps_lipo5450 config/batteries
+
+golden: $(VENV)/.ready-dev
+	$(BIN)/pytest tests/test_golden.py --update-golden
+
+$(VENV)/.made:
+	$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or later is needed" if sys.version_info < (3, 11) else 0)'
+	$(PYTHON) -m venv $(VENV)
+	printf '*\n' > $(VENV)/.gitignore
+	$(BIN)/pip install --quiet --upgrade pip
+	touch $@
+
+$(VENV)/.ready: $(VENV)/.made pyproject.toml
+	$(BIN)/pip install --quiet --editable .
+	touch $@
+
+$(VENV)/.ready-dev: $(VENV)/.ready
+	$(BIN)/pip install --quiet --editable '.[dev]'
+	touch $@
+
+$(VENV)/.ready-bench: $(VENV)/.ready-dev
+	$(BIN)/pip install --quiet --editable '.[dev,bench]'
+	touch $@
+
+clean:
+	rm -rf $(VENV)
