@@ -1,0 +1,1 @@
+"""The one pack model that the estimator, the predictor, the identification and the search for physics use."""

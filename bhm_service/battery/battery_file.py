@@ -1,0 +1,244 @@
+"""The battery's TOML file: the cells' parameters and the effects, each number with its unit, spread and source.
+
+A number may be written bare or as ``{ value = .., sd = .., unit = ".." }``. What names and ranges are allowed comes
+from the declarations of the models and effects themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tomlkit
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, create_model, model_validator
+
+from bhm_service.battery.chem import Chem
+from bhm_service.battery.circ import Circ
+from bhm_service.battery.effects import EFFECTS, Effect
+from bhm_service.battery.ocv import CubicCapacitance, MonotoneSpline, OpenCircuit
+from bhm_service.battery.parameters import Parameter, parameters_of
+from bhm_service.battery.uncertainty import Uncertainty
+from bhm_service.config import checked, read_toml
+from bhm_service.errors import BadInputError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BatteryFile:
+    """What a battery file says."""
+
+    name: str
+    source: str = ""
+    series: int | None = None  # of the pack that was identified; None for a cell that any pack may be built from
+    circ: Circ | None = None
+    chem: Chem | None = None
+    effects: tuple[Effect, ...] = ()
+    uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    sd: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # SI, per section and parameter
+
+    def cell(self, model: Literal["circ", "chem"]) -> Circ | Chem:
+        """The cell model asked for; BadInputError if the file has none."""
+        cell = self.circ if model == "circ" else self.chem
+        if cell is None:
+            raise BadInputError(self.name, f"the battery file has no [{model}] section")
+        return cell
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class _Quantity(_Strict):
+    value: Annotated[float, Field(allow_inf_nan=False)]
+    sd: Annotated[float | None, Field(ge=0.0)] = None
+    unit: str | None = None
+
+
+class _Cubic(_Strict):
+    kind: Literal["cubic"]
+    q_max_over_c_max: Annotated[float, Field(ge=1.0, le=2.0)] = 1.02
+    v_0: Annotated[float, Field(ge=1.0, le=5.0)]
+    cbp0: float
+    cbp1: float
+    cbp2: float
+
+
+class _Spline(_Strict):
+    kind: Literal["spline"]
+    soc: tuple[float, ...]
+    volts: tuple[float, ...]
+
+    @model_validator(mode="after")
+    def _rises(self) -> _Spline:
+        MonotoneSpline(self.soc, self.volts)
+        return self
+
+
+def _quantity(declared: Parameter) -> Any:
+    """The type of one number in a file: bare or with its unit, inside the declared range."""
+
+    def bare(given: Any) -> Any:
+        return {"value": given} if isinstance(given, int | float) and not isinstance(given, bool) else given
+
+    def in_range(quantity: _Quantity) -> _Quantity:
+        if quantity.unit is not None and quantity.unit != declared.unit:
+            raise ValueError(f"the unit must be {declared.unit!r}")
+        if not declared.low <= quantity.value <= declared.high:
+            raise ValueError(f"{quantity.value:g} is outside {declared.low:g} ... {declared.high:g} {declared.unit}")
+        return quantity
+
+    return Annotated[_Quantity, BeforeValidator(bare), AfterValidator(in_range)]
+
+
+def _default(model: type, declared: Parameter) -> Any:
+    default = model.__dataclass_fields__[declared.name].default  # type: ignore[attr-defined]
+    return ... if default is MISSING else _Quantity(value=default / declared.scale)
+
+
+@lru_cache(maxsize=1)
+def _schema() -> type[BaseModel]:
+    def section(name: str, model: type, **extra: Any) -> type[BaseModel]:
+        fields: dict[str, Any] = {p.name: (_quantity(p), _default(model, p)) for p in parameters_of(model)}
+        return create_model(name, __base__=_Strict, **fields, **extra)
+
+    coefficients = Annotated[tuple[float, ...], Field(min_length=1, max_length=24)]
+    circ = section("Circ", Circ, ocv=(Annotated[_Cubic | _Spline, Field(discriminator="kind")], ...))
+    chem = section("Chem", Chem, a_p=(coefficients, ...), a_n=(coefficients, (0.0,)))
+    effects = tuple(section(effect.__name__, effect, id=(Literal[name], ...)) for name, effect in EFFECTS.items())
+    union: Any = effects[0]
+    for effect in effects[1:]:
+        union = union | effect
+    if len(effects) > 1:
+        union = Annotated[union, Field(discriminator="id")]
+    fields: dict[str, Any] = {
+        "name": (str, ...),
+        "source": (str, ""),
+        "series": (Annotated[int | None, Field(ge=1, le=28)], None),
+        "circ": (circ | None, None),
+        "chem": (chem | None, None),
+        "effect": (tuple[union, ...], ()),
+        "uncertainty": (section("Uncertainty", Uncertainty) | None, None),
+    }
+    return create_model("Battery", __base__=_Strict, **fields)
+
+
+def read_battery(path: Path) -> BatteryFile:
+    """Read and check a battery file; BadInputError names file, key, value and what is allowed."""
+    given: Any = checked(_schema(), read_toml(path), str(path))
+    if given.circ is None and given.chem is None:
+        raise BadInputError(str(path), "has neither a [circ] nor a [chem] section")
+    sd: dict[str, dict[str, float]] = {}
+    circ = chem = None
+    if given.circ is not None:
+        values, sd["circ"] = _si(Circ, given.circ)
+        circ = Circ(ocv=_open_circuit(given.circ.ocv, values["c_max"]), **values)
+    if given.chem is not None:
+        values, sd["chem"] = _si(Chem, given.chem)
+        chem = Chem(a_p=given.chem.a_p, a_n=given.chem.a_n, **values)
+    effects = []
+    for entry in given.effect:
+        kind = EFFECTS[entry.id]
+        values, sd[entry.id] = _si(kind, entry)
+        effects.append(kind(**values))
+    return BatteryFile(
+        name=given.name,
+        source=given.source,
+        series=given.series,
+        circ=circ,
+        chem=chem,
+        effects=tuple(effects),
+        uncertainty=Uncertainty(**_si(Uncertainty, given.uncertainty)[0]) if given.uncertainty else Uncertainty(),
+        sd=sd,
+    )
+
+
+def _si(model: type, given: BaseModel) -> tuple[dict[str, float], dict[str, float]]:
+    values, sd = {}, {}
+    for declared in parameters_of(model):
+        quantity: _Quantity = getattr(given, declared.name)
+        values[declared.name] = quantity.value * declared.scale
+        if quantity.sd is not None:
+            sd[declared.name] = quantity.sd * declared.scale
+    return values, sd
+
+
+def _open_circuit(given: _Cubic | _Spline, c_max: float) -> OpenCircuit:
+    if isinstance(given, _Spline):
+        return MonotoneSpline(given.soc, given.volts)
+    return CubicCapacitance(
+        c_max=c_max,
+        q_max=given.q_max_over_c_max * c_max,
+        v_0=given.v_0,
+        cbp0=given.cbp0,
+        cbp1=given.cbp1,
+        cbp2=given.cbp2,
+    )
+
+
+def write_battery(path: Path, battery: BatteryFile) -> None:
+    """Write a battery file that `read_battery` gives back, with symbols and meanings as comments."""
+    document = tomlkit.document()
+    document["name"] = battery.name
+    document["source"] = battery.source
+    if battery.series is not None:
+        document["series"] = battery.series
+    if battery.circ is not None:
+        section = _section(battery.circ, battery.sd.get("circ", {}))
+        section["ocv"] = _ocv_table(battery.circ)
+        document["circ"] = section
+    if battery.chem is not None:
+        section = _section(battery.chem, battery.sd.get("chem", {}))
+        section.add("a_p", _numbers(battery.chem.a_p).comment("[J/mol] A_p,k: Redlich-Kister, positive electrode"))
+        section.add("a_n", _numbers(battery.chem.a_n).comment("[J/mol] A_n,k: negative electrode"))
+        document["chem"] = section
+    document["uncertainty"] = _section(battery.uncertainty, {})
+    if battery.effects:
+        tables = tomlkit.aot()
+        for effect in battery.effects:
+            table = tomlkit.table()
+            table["id"] = effect.id
+            for key, item in _section(effect, battery.sd.get(effect.id, {})).items():
+                table.add(key, item)
+            tables.append(table)
+        document["effect"] = tables
+    path.write_text(tomlkit.dumps(document), encoding="utf-8")
+
+
+def _section(model: object, sd: Mapping[str, float]) -> Any:
+    table = tomlkit.table()
+    for declared in parameters_of(type(model)):
+        entry = tomlkit.inline_table()
+        entry["value"] = _rounded(getattr(model, declared.name) / declared.scale)
+        if declared.name in sd:
+            entry["sd"] = _rounded(sd[declared.name] / declared.scale, 2)
+        entry["unit"] = declared.unit
+        table.add(declared.name, entry)
+        entry.comment(f"{declared.symbol}: {declared.meaning}")
+    return table
+
+
+def _ocv_table(circ: Circ) -> Any:
+    table = tomlkit.table()
+    curve = circ.ocv
+    if isinstance(curve, MonotoneSpline):
+        table["kind"] = "spline"
+        table["soc"] = list(curve.soc)
+        table["volts"] = [round(v, 5) for v in curve.volts]
+    elif isinstance(curve, CubicCapacitance):
+        table["kind"] = "cubic"
+        table["q_max_over_c_max"] = _rounded(curve.q_max / curve.c_max)
+        for name in ("v_0", "cbp0", "cbp1", "cbp2"):
+            table[name] = _rounded(getattr(curve, name))
+    return table
+
+
+def _numbers(values: tuple[Any, ...]) -> Any:
+    array = tomlkit.array()
+    array.extend([_rounded(float(v), 10) for v in values])
+    return array
+
+
+def _rounded(value: Any, digits: int = 8) -> float:
+    return float(f"{float(value):.{digits}g}")

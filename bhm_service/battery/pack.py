@@ -1,0 +1,250 @@
+"""The pack: cells in series, scaled to the pack's capacity, with the effects that the cell model leaves out.
+
+Everybody uses this one class: the filter steps its sigma points with it, the predictor its samples, the
+identification and the search for missing physics run whole recordings through it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from bhm_service.battery.cell import UNMODIFIED, CellModel, Modifiers
+from bhm_service.battery.dynamics import Course, Solver, Step
+from bhm_service.battery.effects.base import Effect, Instant, Interval
+from bhm_service.units import REFERENCE_TEMPERATURE_K, Array, Flags, Value
+
+States = tuple[Value, ...]
+_MOST_SWEEPS = 60
+_SWEEP_TOLERANCE = 1e-12
+
+
+@dataclass(frozen=True, slots=True)
+class Simulation:
+    """A pack run along a recording: one value per sample, the time axis last."""
+
+    voltage: Array  # [V] as the sensor would read it
+    soc: Array  # [-]
+    states: tuple[Array, ...]  # in the order of `PackModel.state_names`
+
+
+class PackModel:
+    """``series`` cells of a model, ``parallel`` of them side by side (a capacity ratio, so not only whole numbers)."""
+
+    def __init__(self, cell: CellModel, series: int, parallel: Value = 1.0, effects: Iterable[Effect] = ()) -> None:
+        self.cell = cell
+        self.series = series
+        self.parallel = parallel
+        self.effects = tuple(effects)
+        own = [name for effect in self.effects for name in effect.state_names]
+        self.state_names: tuple[str, ...] = (*cell.state_names, *own)
+        self.n_states = len(self.state_names)
+        self._n_cell = len(cell.state_names)
+        self._slices: list[tuple[Effect, slice]] = []
+        column = self._n_cell
+        for effect in self.effects:
+            self._slices.append((effect, slice(column, column + len(effect.state_names))))
+            column += len(effect.state_names)
+        # Only the hooks that are overridden are called: a bare pack pays nothing for the rest.
+        self._current = self._with(lambda e: e.true_current)
+        self._soc0 = self._with(lambda e: e.initial_soc)
+        self._temperature = self._with(lambda e: e.cell_temperature)
+        self._modifying = self._with(lambda e: e.modifiers)
+        self._moving = self._with(lambda e: e.advance)
+        self._adding = self._with(lambda e: e.extra_voltage)
+        self._sensing = self._with(lambda e: e.measured_voltage)
+        self._feedback = any(effect.feedback for effect in self.effects)
+
+    def _with(self, hook: Callable[[type[Effect]], object]) -> list[tuple[Effect, slice]]:
+        return [(e, where) for e, where in self._slices if hook(type(e)) is not hook(Effect)]
+
+    @property
+    def capacity_c(self) -> Value:
+        """Charge between SoC 1 and SoC 0, effects aside. [C]"""
+        return self.cell.capacity_c * self.parallel
+
+    # ---- states -------------------------------------------------------------------------------------------------
+
+    def rest(self, soc: Value) -> States:
+        """States of a pack that has rested at ``soc``."""
+        for effect, _ in self._soc0:
+            soc = effect.initial_soc(soc)
+        own: list[Value] = [value + 0.0 * soc for effect in self.effects for value in effect.start()]
+        return (*self.cell.rest(soc), *own)
+
+    def open_circuit(self, soc: Value) -> Value:
+        """Voltage of the rested pack at ``soc``, effects aside. [V]"""
+        return self.series * self.cell.open_circuit(soc)
+
+    def _known(self, states: States, temperature: Value | None) -> Value:
+        known: Value = REFERENCE_TEMPERATURE_K if temperature is None else temperature
+        for effect, where in self._temperature:
+            known = effect.cell_temperature(states[where], known)
+        return known
+
+    def modifiers(self, states: States, temperature: Value | None) -> Modifiers:
+        """What the effects together lay on the cells."""
+        total = UNMODIFIED
+        if self._modifying:
+            known = self._known(states, temperature)
+            for effect, where in self._modifying:
+                own = effect.modifiers(states[where], known)
+                total = own if total is UNMODIFIED else total.times(own)
+        return total
+
+    # ---- moving -------------------------------------------------------------------------------------------------
+
+    def step(
+        self, states: Array, dt: Value, begin: Value, end: Value | None = None, temperature: Value | None = None
+    ) -> Array:
+        """Move states over ``dt`` seconds.
+
+        Parameters
+        ----------
+        states : array (..., n_states)   sigma points or samples.
+        dt : float or array (...,)       length of the interval, not negative. [s]
+        begin, end : float or array      measured pack current at both ends; ``end`` left out: held. [A]
+        temperature : float              of the pack, None where it is not known. [K]
+
+        Returns
+        -------
+        array (..., n_states)
+        """
+        columns = _columns(states)
+        moved = self._advance(Step(dt), columns, columns, begin, begin if end is None else end, temperature)
+        result = np.empty_like(states)
+        for k, column in enumerate(moved):
+            result[..., k] = column
+        return result
+
+    def _advance(
+        self,
+        solver: Solver,
+        start: States,
+        before: States,
+        begin: Value,
+        end: Value,
+        temperature: Value | None,
+    ) -> States:
+        """``start``: states before the first interval; ``before``: at the beginning of each (for one step the same)."""
+        for effect, _ in self._current:
+            begin, end = effect.true_current(begin), effect.true_current(end)
+        by = self.modifiers(before, temperature)
+        n = self._n_cell
+        cell = self.cell.advance(solver, start[:n], begin / self.parallel, end / self.parallel, by)
+        if len(start) == n:
+            return cell
+        ends = [*cell, *start[n:]]
+        if self._moving:
+            losses = self._losses(before, begin, by) if self._feedback else 0.0
+            interval = Interval(begin, end, before[0], self._known(before, temperature), losses)
+            for effect, where in self._moving:
+                ends[where] = effect.advance(solver, start[where], interval)
+        return tuple(ends)
+
+    def _losses(self, states: States, current: Value, by: Modifiers) -> Value:
+        cell = states[: self._n_cell]
+        i = current / self.parallel
+        drop = self.cell.open_circuit(cell[0]) - self.cell.emf(cell, by) + i * self.cell.series_resistance(by)
+        return self.series * current * drop
+
+    # ---- voltage ------------------------------------------------------------------------------------------------
+
+    def voltage(self, states: Array, current: Value, temperature: Value | None = None) -> Array:
+        """Voltage that the sensor reads [V]; ``states`` (..., n_states), ``current`` as measured [A]."""
+        return np.asarray(self._voltage(_columns(states), current, temperature))
+
+    def _voltage(self, states: States, current: Value, temperature: Value | None) -> Value:
+        for effect, _ in self._current:
+            current = effect.true_current(current)
+        emf, resistance = self._source(states, current, temperature)
+        total = emf - resistance * current
+        for effect, _ in self._sensing:
+            total = effect.measured_voltage(total)
+        return total
+
+    def _source(self, states: States, current: Value, temperature: Value | None) -> tuple[Value, Value]:
+        """The pack as a source: voltage ahead of the drop that follows the current at once, and that resistance."""
+        by = self.modifiers(states, temperature)
+        cell = states[: self._n_cell]
+        emf = self.series * self.cell.emf(cell, by)
+        resistance = self.series * self.cell.series_resistance(by) / self.parallel
+        if self._adding:
+            known = self._known(states, temperature)
+            for effect, where in self._adding:
+                emf = emf + effect.extra_voltage(states[where], Instant(current, states[0], known, self.series))
+        return emf, resistance
+
+    def current_at_power(
+        self, states: Array, power: Value, guess: Value, temperature: Value | None = None
+    ) -> tuple[Array, Flags]:
+        """Current that draws ``power`` [W], and whether the pack can deliver it.
+
+        With E the voltage ahead of the instant drop, V = (E + sqrt(E^2 - 4 R P)) / 2; a negative discriminant is a
+        power that cannot be delivered, and the current returned is then that of the largest power, E / 2R.
+        ``guess`` [A] only serves effects whose extra voltage depends on the current.
+        """
+        columns = _columns(states)
+        emf, resistance = self._source(columns, guess, temperature)
+        discriminant = emf * emf - 4.0 * resistance * power
+        deliverable = (discriminant >= 0.0) & (emf > 0.0)
+        volts = 0.5 * (emf + np.sqrt(np.maximum(discriminant, 0.0)))
+        return np.asarray(power / np.maximum(volts, 0.1 * self.series)), np.asarray(deliverable)
+
+    # ---- whole recordings ---------------------------------------------------------------------------------------
+
+    def simulate(
+        self,
+        time_s: Array,
+        current_a: Array,
+        soc: Value,
+        temperature_k: Array | None = None,
+    ) -> Simulation:
+        """Run along a recording, open loop, from rest.
+
+        Parameters
+        ----------
+        time_s : array (T,)          rising. [s]
+        current_a : array (T,)       measured pack current, straight between samples. [A]
+        soc : float or array (..., 1)   state of charge at the first sample.
+        temperature_k : array (T,) or None   of the pack. [K]
+
+        Parameters of the cell and of the effects may carry leading axes as well, then with a last axis of one.
+        """
+        start = self.rest(soc)
+        solver = Course(np.diff(time_s))
+        begin, end = current_a[:-1], current_a[1:]
+        temperature = None if temperature_k is None else temperature_k[1:]
+        before: States = start
+        for _ in range(_MOST_SWEEPS if self._feedback else 1):
+            ends = self._advance(solver, start, before, begin, end, temperature)
+            if not self._feedback:
+                break
+            previous, before = before, tuple(map(solver.begin, start, ends))
+            if _close(previous, before):
+                break
+        states = tuple(_from_start(s, e, time_s.size) for s, e in zip(start, ends, strict=True))
+        voltage = np.asarray(self._voltage(states, current_a, temperature_k))
+        return Simulation(voltage=voltage, soc=states[0], states=states)
+
+
+def _columns(states: Array) -> States:
+    """The last axis taken apart; ``T`` is quicker than ``moveaxis`` and the same for what is stepped."""
+    return tuple(states.T) if states.ndim <= 2 else tuple(np.moveaxis(states, -1, 0))
+
+
+def _from_start(start: Value, ends: Value, length: int) -> Array:
+    """The start and the ends of all intervals in one array (..., T)."""
+    shape = np.broadcast_shapes(np.shape(ends)[:-1], np.shape(start)[:-1])
+    joined = np.empty((*shape, length))
+    joined[..., :1] = start
+    joined[..., 1:] = ends
+    return joined
+
+
+def _close(previous: States, now: States) -> bool:
+    return all(
+        np.allclose(a, b, rtol=_SWEEP_TOLERANCE, atol=_SWEEP_TOLERANCE) for a, b in zip(previous, now, strict=True)
+    )

@@ -1,0 +1,88 @@
+import numpy as np
+import pytest
+from battery.cells import CUBIC, chem, circ
+
+from bhm_service.battery.battery_file import BatteryFile, read_battery, write_battery
+from bhm_service.battery.effects import ResistanceTemperature
+from bhm_service.errors import BadInputError
+
+R_S = 'value = 0.004, sd = 0.0002, unit = "ohm"'
+
+
+@pytest.fixture
+def written(tmp_path):
+    path = tmp_path / "pack.toml"
+    write_battery(
+        path,
+        BatteryFile(
+            name="test pack",
+            series=6,
+            circ=circ(),
+            chem=chem(),
+            effects=(ResistanceTemperature(activation_energy=21.5e3),),
+            sd={"circ": {"r_s": 2e-4}},
+        ),
+    )
+    return path
+
+
+def test_what_is_written_is_read_back(written):
+    back = read_battery(written)
+    assert back.series == 6
+    assert back.circ.r_s == pytest.approx(0.004)
+    assert back.circ.c_max == pytest.approx(18000.0)
+    assert back.chem.a_p == pytest.approx(chem().a_p)
+    assert back.effects[0].activation_energy == pytest.approx(21.5e3)
+    assert back.sd["circ"]["r_s"] == pytest.approx(2e-4)
+    soc = np.linspace(0, 1, 50)
+    np.testing.assert_allclose(back.circ.open_circuit(soc), circ().open_circuit(soc), atol=1e-5)
+    np.testing.assert_allclose(back.chem.open_circuit(soc), chem().open_circuit(soc), atol=1e-5)
+
+
+def test_the_papers_cubic_curve_survives_the_file(tmp_path):
+    path = tmp_path / "cubic.toml"
+    write_battery(path, BatteryFile(name="cubic", circ=circ(ocv=CUBIC)))
+    soc = np.linspace(0, 1, 50)
+    np.testing.assert_allclose(read_battery(path).circ.open_circuit(soc), CUBIC.voltage(soc), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("r_s = ", "r_ss = ", ["unknown key 'circ.r_ss'", "did you mean 'r_s'", "'circ.r_s' is missing"]),
+        (R_S, 'value = 40.0, unit = "ohm"', ["circ.r_s", "40", "1e-05 ... 1 ohm"]),
+        (R_S, 'value = 4.0, unit = "mohm"', ["circ.r_s", "unit must be 'ohm'"]),
+        ('kind = "spline"', 'kind = "polynomial"', ["circ.ocv", "polynomial", "spline"]),
+        ("4.2]", "3.1]", ["circ.ocv", "rise"]),
+        ("series = 6", "series = 0", ["series = 0", "greater than or equal to 1"]),
+        ('id = "resistance-temperature"', 'id = "phlogiston"', ["phlogiston", "resistance-temperature"]),
+    ],
+)  # fmt: skip
+def test_a_wrong_entry_is_named_with_file_key_value_and_what_is_allowed(written, old, new, said):
+    text = written.read_text()
+    assert old in text
+    written.write_text(text.replace(old, new, 1))
+    with pytest.raises(BadInputError) as why:
+        read_battery(written)
+    for part in [str(written), *said]:
+        assert part in str(why.value)
+
+
+def test_a_file_without_a_model_is_refused(tmp_path):
+    path = tmp_path / "empty.toml"
+    path.write_text('name = "nothing"\n')
+    with pytest.raises(BadInputError, match=r"neither a \[circ\] nor a \[chem\]"):
+        read_battery(path)
+
+
+def test_bare_numbers_are_taken_in_the_declared_unit(written):
+    text = written.read_text().replace('r_s = {value = 0.004, sd = 0.0002, unit = "ohm"}', "r_s = 0.005")
+    written.write_text(text)
+    assert read_battery(written).circ.r_s == 0.005
+
+
+def test_the_battery_that_ships_has_rising_curves(generic):
+    soc = np.linspace(0.0, 1.0, 400)
+    for cell in (generic.circ, generic.chem):
+        assert np.all(np.diff(cell.open_circuit(soc)) > 0.0)
+    assert generic.circ.open_circuit(1.0) == pytest.approx(4.2, abs=1e-3)
