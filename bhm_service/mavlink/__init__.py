@@ -1,0 +1,1 @@
+"""MAVLink and the logs that hold it: the only room that knows pymavlink, pyserial, sentinels and frames."""

@@ -1,0 +1,55 @@
+import random
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mavlink.frames import Sender, battery_status, heartbeat, sys_status
+
+from bhm_service.mavlink.frames import FrameSplitter
+
+
+def stream(count=30):
+    send = Sender()
+    return [send((heartbeat(), battery_status(), sys_status())[k % 3]) for k in range(count)]
+
+
+@given(st.lists(st.integers(1, 90), min_size=1, max_size=60))
+@settings(max_examples=60, deadline=None)
+def test_pieces_of_any_size_give_the_same_frames(sizes):
+    frames = stream()
+    data, splitter, found = b"".join(frames), FrameSplitter(), []
+    at = 0
+    while at < len(data):
+        size = sizes[len(found) % len(sizes)]
+        found += splitter.feed(data[at : at + size])
+        at += size
+    assert [f.raw for f in found] == frames
+    assert splitter.stray_bytes == 0
+
+
+def test_garbage_is_counted_and_costs_no_frame():
+    frames = stream(6)
+    splitter = FrameSplitter()
+    found = splitter.feed(b"\x00\x11\xfd\x22" + frames[0] + b"noise" + b"".join(frames[1:]))
+    found += splitter.feed(b"\x00" * 300)
+    assert [f.raw for f in found] == frames
+    assert splitter.stray_bytes + splitter.bad_checksums > 5
+
+
+def test_a_flipped_bit_costs_one_frame():
+    frames = stream(30)
+    rng = random.Random(15)
+    for victim in range(2, 28):
+        data = bytearray(b"".join(frames))
+        start = sum(map(len, frames[:victim]))
+        data[start + rng.randrange(10, len(frames[victim]))] ^= 1 << rng.randrange(8)
+        splitter = FrameSplitter()
+        found = splitter.feed(bytes(data)) + splitter.feed(b"\x00" * 600)
+        assert [f.raw for f in found] == frames[:victim] + frames[victim + 1 :]
+
+
+@given(st.binary(max_size=2000))
+@settings(max_examples=200, deadline=None)
+def test_noise_raises_nothing_and_is_not_kept(noise):
+    splitter = FrameSplitter()
+    splitter.feed(noise)
+    assert len(splitter._left) <= 280
