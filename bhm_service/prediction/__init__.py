@@ -1,0 +1,1 @@
+"""How long the pack will still carry the vehicle, as a distribution."""
