@@ -1,0 +1,1 @@
+"""From recordings of a cell or pack to the parameters of its models."""
