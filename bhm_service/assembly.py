@@ -1,0 +1,107 @@
+"""The whole wiring on one page: which apps there are, what each is given, in which order they are served."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bhm_service.apps.estimator import EstimatorApp
+from bhm_service.apps.housekeeping import HousekeepingApp
+from bhm_service.apps.predictor import PredictorApp, PredictorSettings
+from bhm_service.apps.publisher import PublisherApp
+from bhm_service.apps.reader import ReaderApp
+from bhm_service.battery.battery_file import BatteryFile
+from bhm_service.bus import App, Bus, Counters
+from bhm_service.config import Service, Vehicle
+from bhm_service.errors import BadInputError
+from bhm_service.estimation.tracker import Tracker
+from bhm_service.messages import Model
+from bhm_service.prediction.demand import Load, hover_power
+from bhm_service.prediction.end_of_discharge import Limits
+from bhm_service.telemetry import default_airborne_a, resting_a
+from bhm_service.units import SECONDS_PER_HOUR, coulombs
+
+_HOVER_SPREAD = 0.2  # of a load that momentum theory says, before anything was flown
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Equipment:
+    """A vehicle with its battery: all that the wiring needs to know."""
+
+    vehicle: Vehicle
+    battery: BatteryFile
+
+    @property
+    def series(self) -> int:
+        """Cells in series; BadInputError when neither file says."""
+        series = self.vehicle.battery.series or self.battery.series
+        if series is None:
+            raise BadInputError(
+                self.vehicle.name,
+                "battery.series is missing, and the battery file is of a single cell: how many are in series?",
+            )
+        return series
+
+    @property
+    def capacity_c(self) -> float:
+        """Charge of the pack. [C]"""
+        if self.vehicle.battery.capacity_ah is not None:
+            return coulombs(self.vehicle.battery.capacity_ah)
+        cell = self.battery.circ or self.battery.chem
+        assert cell is not None
+        return float(np.asarray(cell.capacity_c))
+
+    def tracker(self, model: Model) -> Tracker:
+        """A filter for this pack."""
+        cell = self.battery.cell(model.value)
+        uncertainty = self.battery.uncertainty
+        if self.vehicle.battery.capacity_ah is not None:
+            uncertainty = replace(uncertainty, capacity=self.vehicle.battery.capacity_sd)
+        parallel = self.capacity_c / float(np.asarray(cell.capacity_c))
+        return Tracker(model, cell, self.series, parallel, self.battery.effects, uncertainty)
+
+    def hover(self) -> Load | None:
+        """Load in the hover by momentum theory, where the vehicle file gives the rotors."""
+        rotors = self.vehicle.rotors
+        if rotors is None:
+            return None
+        power = hover_power(rotors.mass_kg, rotors.rotors, rotors.rotor_radius_m, rotors.efficiency, rotors.avionics_w)
+        return Load(mean_w=power, mean_sd_w=_HOVER_SPREAD * power, instant_sd_w=_HOVER_SPREAD * power)
+
+
+def assemble(
+    equipment: Equipment,
+    service: Service,
+    sinks: Iterable[App] = (),
+    stopwatch: Callable[[], float] | None = None,
+) -> Bus:
+    """The bus of the service; ``sinks`` hear what they like of it (the wire, a log, a screen)."""
+    settings, capacity_a = equipment.vehicle.battery, equipment.capacity_c / SECONDS_PER_HOUR
+    trackers = {Model(e.model): equipment.tracker(Model(e.model)) for e in service.estimators}
+    counters: dict[str, Counters] = {}
+    apps: list[App] = [
+        ReaderApp(  # autopilot -> BatterySample, FlightPhase, PackChange
+            settings.id,
+            equipment.series,
+            rest_a=resting_a(capacity_a),
+            airborne_a=equipment.vehicle.airborne_a or default_airborne_a(capacity_a),
+        ),
+        *(EstimatorApp(tracker) for tracker in trackers.values()),  # BatterySample -> StateEstimate
+        PredictorApp(  # StateEstimate -> EndOfDischarge, RemainingTime
+            {model: tracker.pack for model, tracker in trackers.items()},
+            PredictorSettings(
+                limits=Limits(threshold_soc=settings.threshold_soc, cutoff_v=settings.cutoff_v * equipment.series),
+                samples=service.prediction.samples,
+                seed=service.prediction.seed,
+                load_window_s=service.prediction.load_window_s,
+                load_spread=service.prediction.load_spread,
+                hover=equipment.hover(),
+            ),
+        ),
+        PublisherApp(),  # estimates, predictions -> NamedValue
+        HousekeepingApp(counters),  # counters -> Housekeeping
+        *sinks,
+    ]
+    return Bus(apps, counters, stopwatch)

@@ -1,0 +1,47 @@
+"""Vehicle, battery and service files from what was given on the command line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from bhm_service.assembly import Equipment
+from bhm_service.battery.battery_file import BatteryFile, read_battery
+from bhm_service.config import Service, Vehicle, checked, read_toml, read_vehicle
+from bhm_service.errors import BadInputError
+from bhm_service.guess import guess_vehicle
+from bhm_service.mavlink.log import Log
+
+
+def read_service(path: Path | None) -> Service:
+    """The service file, or its defaults."""
+    return Service() if path is None else checked(Service, read_toml(path), str(path))
+
+
+def equipment_of(vehicle: Path, battery: Path | None, battery_id: int | None = None) -> Equipment:
+    """What a vehicle file says, with another battery or battery id if given."""
+    said = read_vehicle(vehicle)
+    file = vehicle.parent / said.battery.file if battery is None else battery
+    if battery is None and not file.is_file():
+        raise BadInputError(str(vehicle), f"battery.file = {said.battery.file!r}: no such file")
+    return Equipment(vehicle=_with_id(said, battery_id), battery=read_battery(file))
+
+
+def guessed_equipment(log: Log, battery: Path | None, battery_id: int | None) -> tuple[Equipment, list[str]]:
+    """A vehicle guessed from a log, and what was guessed; an identified battery says its own cells and capacity."""
+    guess = guess_vehicle((message for _, message in log.messages), battery_id, log.path.stem)
+    reasons = [f"vehicle guessed: {'; '.join(guess.reasons)}"]
+    vehicle = guess.vehicle
+    if battery is None:
+        return Equipment(vehicle=vehicle, battery=read_battery(Path(vehicle.battery.file))), reasons
+    known: BatteryFile = read_battery(battery)
+    if known.series is not None:
+        own = vehicle.battery.model_copy(update={"file": str(battery), "series": None, "capacity_ah": None})
+        vehicle = vehicle.model_copy(update={"battery": own, "name": known.name})
+        reasons = [f"cells and capacity from {battery.name}; no vehicle file given"]
+    return Equipment(vehicle=vehicle, battery=known), reasons
+
+
+def _with_id(vehicle: Vehicle, battery_id: int | None) -> Vehicle:
+    if battery_id is None:
+        return vehicle
+    return vehicle.model_copy(update={"battery": vehicle.battery.model_copy(update={"id": battery_id})})

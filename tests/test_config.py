@@ -1,0 +1,87 @@
+import pytest
+
+from bhm_service.assembly import Equipment
+from bhm_service.battery.battery_file import read_battery
+from bhm_service.config import Service, read_vehicle, shipped
+from bhm_service.equipment import equipment_of, read_service
+from bhm_service.errors import BadInputError
+from bhm_service.messages import Model
+
+VEHICLES = sorted(shipped("vehicles").glob("*.toml"))
+
+
+@pytest.mark.parametrize("path", VEHICLES, ids=lambda p: p.stem)
+def test_every_vehicle_that_ships_is_complete(path):
+    equipment = equipment_of(path, None)
+    assert equipment.series in (4, 6)
+    for model in Model:
+        equipment.tracker(model)
+    assert 100.0 < equipment.hover().mean_w < 4000.0
+
+
+def test_the_service_file_that_ships_says_the_defaults():
+    assert read_service(shipped("service.toml")) == Service()
+
+
+@pytest.fixture
+def written(tmp_path):
+    path = tmp_path / "vehicle.toml"
+    text = shipped("vehicles", "quad-4s.toml").read_text()
+    path.write_text(text.replace("../batteries/generic-lipo.toml", str(shipped("batteries", "generic-lipo.toml"))))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("series = 4", "serie = 4", ["unknown key 'battery.serie'", "did you mean 'series'"]),
+        ("series = 4", "series = 40", ["battery.series = 40", "less than or equal to 28"]),
+        ("capacity_ah = 5.0", 'capacity_ah = "five"', ["battery.capacity_ah = 'five'", "valid number"]),
+        ("capacity_ah = 5.0", "capacity_ah = -5.0", ["battery.capacity_ah = -5.0", "greater than 0.05"]),
+        ("threshold_soc = 0.20", "threshold_soc = 20", ["battery.threshold_soc = 20", "less than or equal to 0.9"]),
+        ("rotors = 4", "rotors = 0", ["rotors.rotors = 0"]),
+        ("mass_kg = 2.0", "", ["'rotors.mass_kg' is missing"]),
+        ('name = "Generic 4S quadrotor"', "name = ", ["not valid TOML", "line 2"]),
+        ("generic-lipo.toml", "no-such-pack.toml", ["battery.file", "no such file"]),
+    ],
+)
+def test_a_wrong_entry_is_named_with_file_key_value_and_what_is_allowed(written, old, new, said):
+    text = written.read_text()
+    assert old in text
+    written.write_text(text.replace(old, new, 1))
+    with pytest.raises(BadInputError) as why:
+        equipment_of(written, None)
+    for part in [str(written), *said]:
+        assert part in str(why.value)
+
+
+def test_every_fault_of_a_file_is_told_at_once(written):
+    written.write_text(written.read_text().replace("series = 4", "serie = 4").replace("cutoff_v = 3.3", "cutoff_v = 9"))
+    with pytest.raises(BadInputError) as why:
+        read_vehicle(written)
+    assert "battery.serie" in str(why.value)
+    assert "battery.cutoff_v = 9" in str(why.value)
+
+
+def test_a_missing_file_and_a_binary_one_are_told_apart(tmp_path):
+    with pytest.raises(BadInputError, match="no such file"):
+        read_vehicle(tmp_path / "none.toml")
+    (tmp_path / "bin.toml").write_bytes(bytes(range(128, 256)))
+    with pytest.raises(BadInputError, match="not text"):
+        read_vehicle(tmp_path / "bin.toml")
+    with pytest.raises(BadInputError, match=r"directory|read"):
+        read_vehicle(tmp_path)
+
+
+def test_a_cell_needs_to_be_told_how_many_there_are(written):
+    written.write_text(written.read_text().replace("series = 4             # cells in series\n", ""))
+    with pytest.raises(BadInputError, match=r"battery\.series is missing"):
+        _ = equipment_of(written, None).series
+
+
+def test_capacity_and_its_doubt_come_from_the_vehicle_file(written):
+    vehicle = read_vehicle(written)
+    equipment = Equipment(vehicle=vehicle, battery=read_battery(shipped("batteries", "generic-lipo.toml")))
+    tracker = equipment.tracker(Model.CIRC)
+    assert tracker.pack.capacity_c == pytest.approx(5.0 * 3600.0)
+    assert tracker.uncertainty.capacity == pytest.approx(0.05)
