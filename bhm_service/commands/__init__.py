@@ -1,0 +1,1 @@
+"""What the commands of `bhm` do between the command line and the rooms."""

@@ -1,0 +1,48 @@
+"""The page of a replay: one HTML file that needs nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, select_autoescape
+from plotly.offline import get_plotlyjs
+
+from bhm_service.config import Vehicle
+from bhm_service.mavlink.log import Log
+from bhm_service.messages import Severity
+from bhm_service.replay import Replay
+from bhm_service.reporting.figure import figure
+from bhm_service.reporting.flights import FlightSummary
+from bhm_service.reporting.terminal import HEADER, flight_tables
+from bhm_service.reporting.words import date, duration, moment
+
+
+def write_page(
+    path: Path, log: Log, vehicle: Vehicle, pages: Replay, flights: Sequence[FlightSummary], remarks: Sequence[str]
+) -> None:
+    """Write the page."""
+    environment = Environment(loader=PackageLoader("bhm_service.reporting"), autoescape=select_autoescape())
+    start, end = log.span_s
+    day = date(start)
+    battery = vehicle.battery
+    subtitle = [
+        f"{log.kind.value}, {duration(end - start)} min" + (f", {day} from {moment(start, start)} UTC" if day else ""),
+        f"{vehicle.name}: {battery.series or '?'} cells in series"
+        + (f", {battery.capacity_ah:g} Ah" if battery.capacity_ah else "")
+        + f", battery {battery.id}",
+    ]
+    html = environment.get_template("replay.html").render(
+        title=log.path.name,
+        subtitle=" - ".join(subtitle),
+        warnings=[e.text for e in pages.events if e.severity is not Severity.INFO],
+        remarks=remarks,
+        header=HEADER,
+        tables=flight_tables(flights, start),
+        threshold=f"{battery.threshold_soc:.0%} SoC",
+        cutoff=f"{battery.cutoff_v:g} V",
+        figure=figure(pages, start),
+        events=[(moment(e.time_s, start), e.app, e.text) for e in pages.events],
+        plotly_js=get_plotlyjs(),
+    )
+    path.write_text(html, encoding="utf-8")
