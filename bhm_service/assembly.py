@@ -93,6 +93,7 @@ def assemble(
             {model: tracker.pack for model, tracker in trackers.items()},
             PredictorSettings(
                 limits=Limits(threshold_soc=settings.threshold_soc, cutoff_v=settings.cutoff_v * equipment.series),
+                over=service.prediction.over,
                 samples=service.prediction.samples,
                 seed=service.prediction.seed,
                 load_window_s=service.prediction.load_window_s,

@@ -70,6 +70,7 @@ class EstimatorSettings(Settings):
 class Prediction(Settings):
     """How the flight ahead is imagined."""
 
+    over: Annotated[Literal["samples", "sigma-points"], Field(description="what is run forward")] = "samples"
     samples: Annotated[int, Field(ge=10, le=5000, description="samples of state and load per prediction")] = 100
     seed: Annotated[int, Field(ge=0, description="of the samples, drawn once")] = 1
     load_spread: Annotated[

@@ -25,7 +25,7 @@ from bhm_service.messages import (
 from bhm_service.prediction.demand import Load, RecentLoad
 from bhm_service.prediction.end_of_discharge import ENDINGS, Limits, end_of_discharge
 from bhm_service.prediction.fusion import Voice, fuse
-from bhm_service.prediction.uncertainty import Draws
+from bhm_service.prediction.uncertainty import Points, Samples, SigmaPoints
 from bhm_service.units import Array
 
 _STALE_S = 15.0  # an estimate older than this says nothing of now
@@ -38,6 +38,7 @@ class PredictorSettings:
     """How the flight ahead is imagined."""
 
     limits: Limits
+    over: str = "samples"  # or "sigma-points"
     samples: int = 100
     seed: int = 1
     load_window_s: float = 90.0
@@ -48,7 +49,7 @@ class PredictorSettings:
 @dataclass(slots=True)
 class _Model:
     pack: PackModel
-    draws: Draws
+    points: Points
     estimate: StateEstimate | None = None
     square_error: float | None = None  # [V^2] of a cell, rolling
     updated_s: float = -math.inf
@@ -63,10 +64,7 @@ class PredictorApp:
 
     def __init__(self, packs: Mapping[Model, PackModel], settings: PredictorSettings) -> None:
         self._settings = settings
-        self._models = {
-            model: _Model(pack, Draws(settings.samples, pack.n_states + 1, settings.seed))
-            for model, pack in packs.items()
-        }
+        self._models = {model: _Model(pack, _points(pack, settings)) for model, pack in packs.items()}
         self._recent = RecentLoad(window_s=settings.load_window_s)
         self._airborne = False
         self._sample: BatterySample | None = None
@@ -141,14 +139,15 @@ class PredictorApp:
         self, model: _Model, estimate: StateEstimate, load: Load, now_s: float
     ) -> EndOfDischarge | None:
         belief = Belief(np.array(estimate.mean), np.array(estimate.covariance))
-        power = self._power(load, model.draws.last())
+        power = self._power(load, model.points.load())
         temperature = None if self._sample is None else self._sample.temperature_k
         times, endings = end_of_discharge(
-            model.pack, model.draws.states(belief), power, self._settings.limits, temperature
+            model.pack, model.points.states(belief), power, self._settings.limits, temperature
         )
         if not np.all(np.isfinite(times)):
             return None
-        low, median, high = np.quantile(times, (0.05, 0.5, 0.95))
+        outcomes = model.points.outcomes(times)
+        low, median, high = np.quantile(outcomes, (0.05, 0.5, 0.95))
         ending = ENDINGS[int(np.bincount(endings, minlength=len(ENDINGS)).argmax())]
         if ending is Ending.HORIZON:
             return None
@@ -160,10 +159,16 @@ class PredictorApp:
             high_s=float(high),
             ending=ending,
             power_w=load.mean_w,
-            samples_s=tuple(times.tolist()),
+            samples_s=tuple(outcomes.tolist()),
         )
 
     def _power(self, load: Load, draws: Array) -> Array:
         factor = {"1sigma": 1.0, "3sigma": 3.0}.get(self._settings.load_spread)
         spread = load.mean_sd_w if factor is None else factor * load.instant_sd_w
         return np.maximum(load.mean_w + spread * draws, 0.05 * load.mean_w)
+
+
+def _points(pack: PackModel, settings: PredictorSettings) -> Points:
+    if settings.over == "sigma-points":
+        return SigmaPoints(pack.n_states)
+    return Samples(settings.samples, pack.n_states, settings.seed)

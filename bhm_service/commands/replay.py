@@ -15,14 +15,14 @@ from bhm_service.config import Service
 from bhm_service.equipment import equipment_of, guessed_equipment, read_service
 from bhm_service.errors import BadInputError
 from bhm_service.mavlink.log import Log, read_log
-from bhm_service.messages import Severity
+from bhm_service.messages import EventCode
 from bhm_service.replay import Replay, replay
 from bhm_service.reporting.flights import FlightSummary, summarise
 from bhm_service.reporting.page import write_page
 from bhm_service.reporting.played import write_played
 from bhm_service.reporting.series import write_series
 from bhm_service.reporting.terminal import HEADER, flight_tables
-from bhm_service.reporting.words import duration
+from bhm_service.reporting.words import duration, moment
 
 _WIDTH = 100
 _READING, _REPLAYING = 0.15, 0.75  # shares of the progress bar; the rest is writing
@@ -124,8 +124,8 @@ def _show(out: Console, result: Result) -> None:
     for remark in result.remarks:
         out.print(f"  {remark}", markup=False)
     for event in result.pages.events:
-        if event.severity is not Severity.INFO:
-            out.print(f"  {event.text}", style="yellow", markup=False)
+        if event.code not in (EventCode.TOOK_OFF, EventCode.LANDED):  # those stand in the tables
+            out.print(f"  {moment(event.time_s, start)} {event.app}: {event.text}", style="yellow", markup=False)
     if not result.flights:
         out.print("  no flight found")
     for table in flight_tables(result.flights, start):

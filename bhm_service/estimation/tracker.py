@@ -51,7 +51,7 @@ _BLIND_S = 30.0  # without current or voltage for longer, there is no estimate
 _WORST_SOC_SD = 0.20  # nor with a larger uncertainty
 # Slightly beyond full and empty: a pack may hold more than its label says, and a clipped belief creeps inwards.
 _SOC_LOW, _SOC_HIGH = -0.05, 1.05
-_GRID = np.linspace(_SOC_LOW, _SOC_HIGH, 441)
+_GRID = np.linspace(0.0, _SOC_HIGH, 421)  # a start below empty is a faulty reading
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from bhm_service.units import Array, celsius
 COLOURS = {Model.CIRC: "#1f77b4", Model.CHEM: "#d95f02"}
 _FUSED, _MEASURED, _TRUTH = "#2a7f3f", "#222222", "#888888"
 _PANEL_PX = 230
-_GAP_S = 20.0  # longer without a value, a line is broken
+_GAP_S, _GAP_STEPS = 20.0, 4.0  # longer than both without a value, in seconds and usual steps, a line is broken
 
 
 def figure(pages: Replay, start_s: float) -> str:
@@ -58,44 +59,56 @@ def build(pages: Replay, start_s: float) -> Any:
         margin={"l": 70, "r": 20, "t": 20, "b": 50},
         template="plotly_white",
         hovermode="x unified",
-        legend={"orientation": "v", "x": 1.01, "y": 1.0, "font": {"size": 11}},
         font={"family": "system-ui, sans-serif"},
     )
+    _legend_beside_each_panel(plot, len(panels))
     return plot
 
 
-def _broken(times: Array, *columns: Array) -> tuple[Array, ...]:
-    """The same columns with a hole wherever nothing was known for long."""
-    if times.size < 2:
-        return (times, *columns)
-    holes = np.flatnonzero(np.diff(times) > _GAP_S / 60.0) + 1
-    return tuple(np.insert(c.astype(float), holes, np.nan) for c in (times, *columns))
+def _legend_beside_each_panel(plot: Any, panels: int) -> None:
+    for row in range(1, panels + 1):
+        suffix = "" if row == 1 else str(row)
+        top = plot.layout[f"yaxis{suffix}"].domain[1]
+        plot.update_layout({f"legend{suffix}": {"x": 1.01, "y": top, "yanchor": "top", "font": {"size": 11}}})
+        plot.update_traces(legend=f"legend{suffix}", row=row, col=1)
+
+
+def _segments(times: Array) -> list[slice]:
+    """Pieces of a series that are not interrupted for long."""
+    if times.size == 0:
+        return []
+    usual = float(np.median(np.diff(times))) if times.size > 2 else 0.0
+    holes = np.flatnonzero(np.diff(times) > max(_GAP_S / 60.0, _GAP_STEPS * usual)) + 1
+    edges = [0, *holes.tolist(), times.size]
+    return [slice(low, high) for low, high in pairwise(edges)]
+
+
+def _joined(parts: Sequence[Array]) -> Array:
+    """Pieces one behind the other with a hole between."""
+    return np.concatenate([np.append(part, np.nan) for part in parts]) if parts else np.empty(0)
 
 
 def _line(plot: Any, row: int, items: Sequence[Any], minutes: Any, value: Any, name: str, colour: str) -> None:
     known = [(i.time_s, value(i)) for i in items if value(i) is not None]
     if not known:
         return
-    t, v = _broken(minutes([k[0] for k in known]), np.array([k[1] for k in known]))
-    plot.add_scatter(x=t, y=v, name=name, mode="lines", line={"color": colour, "width": 1.2}, row=row, col=1)
+    t, v = minutes([k[0] for k in known]), np.array([k[1] for k in known], dtype=float)
+    parts = _segments(t)
+    x, y = _joined([t[p] for p in parts]), _joined([v[p] for p in parts])
+    plot.add_scatter(x=x, y=y, name=name, mode="lines", line={"color": colour, "width": 1.2}, row=row, col=1)
 
 
 def _band(plot: Any, row: int, t: Array, low: Array, high: Array, name: str, colour: str) -> None:
-    t, low, high = _broken(t, low, high)
-    hollow = {"width": 0}
-    plot.add_scatter(
-        x=t, y=high, mode="lines", line=hollow, legendgroup=name, showlegend=False, hoverinfo="skip", row=row, col=1
-    )
+    parts = _segments(t)
     red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
     plot.add_scatter(
-        x=t,
-        y=low,
+        x=_joined([np.concatenate([t[p], t[p][::-1]]) for p in parts]),
+        y=_joined([np.concatenate([high[p], low[p][::-1]]) for p in parts]),
         mode="lines",
-        line=hollow,
-        fill="tonexty",
+        line={"width": 0},
+        fill="toself",
         fillcolor=f"rgba({red},{green},{blue},0.18)",
         name=name,
-        legendgroup=name,
         hoverinfo="skip",
         row=row,
         col=1,

@@ -10,12 +10,14 @@ from plotly.offline import get_plotlyjs
 
 from bhm_service.config import Vehicle
 from bhm_service.mavlink.log import Log
-from bhm_service.messages import Severity
+from bhm_service.messages import EventCode
 from bhm_service.replay import Replay
 from bhm_service.reporting.figure import figure
 from bhm_service.reporting.flights import FlightSummary
 from bhm_service.reporting.terminal import HEADER, flight_tables
 from bhm_service.reporting.words import date, duration, moment
+
+_ORDINARY = (EventCode.TOOK_OFF, EventCode.LANDED)
 
 
 def write_page(
@@ -35,7 +37,7 @@ def write_page(
     html = environment.get_template("replay.html").render(
         title=log.path.name,
         subtitle=" - ".join(subtitle),
-        warnings=[e.text for e in pages.events if e.severity is not Severity.INFO],
+        warnings=list(dict.fromkeys(e.text for e in pages.events if e.code not in _ORDINARY)),
         remarks=remarks,
         header=HEADER,
         tables=flight_tables(flights, start),
