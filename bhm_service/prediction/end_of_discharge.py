@@ -92,8 +92,6 @@ def end_of_discharge(
             heading = now
             moved = pack.step(states, dt, current, heading, temperature_k)
             now, deliverable = pack.current_at_power(moved, power, heading, temperature_k)
-        # The current came out other than it was heading for: the charge that makes is put right.
-        moved[:, 0] -= 0.5 * (now - heading) * dt / capacity_c
         falls_to = power / now
 
         fell = (falls_to <= limits.cutoff_v) & (voltage > limits.cutoff_v)

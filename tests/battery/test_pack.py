@@ -103,6 +103,14 @@ def test_cold_pack_sags_by_the_arrhenius_factor(cell):
     assert drops[1] / drops[0] == pytest.approx(growth, rel=0.01)
 
 
+@pytest.mark.parametrize("cell", CELLS, ids=NAMES)
+def test_at_the_reference_temperature_the_effect_does_nothing(cell):
+    t, current, _ = recording()
+    bare = PackModel(cell, 6).simulate(t, current, 0.9)
+    warm = PackModel(cell, 6, 1.0, [ARRHENIUS]).simulate(t, current, 0.9, np.full(t.size, 298.15))
+    np.testing.assert_allclose(warm.voltage, bare.voltage, rtol=1e-12)
+
+
 def test_unknown_temperature_is_the_reference():
     pack = PackModel(circ(), 6, 1.0, [ResistanceTemperature(activation_energy=25e3)])
     states = np.array(pack.rest(0.8))

@@ -98,6 +98,19 @@ def test_a_long_rest_moves_nothing_but_brings_the_curve_in(tracker):
     assert estimate.soc_sd <= first.soc_sd
 
 
+def test_waiting_does_not_make_the_curve_more_certain(tracker):
+    """The curve's own error does not average out: ten minutes at rest say no more of the charge than one."""
+    rested = float(tracker.pack.open_circuit(0.6))
+    track, sd = None, {}
+    for k in range(601):
+        track, estimate = tracker.step(track, sample(float(k), rested + 0.02 * np.sin(1.7 * k), 0.3))
+        sd[k] = estimate.soc_sd
+    slope = float(tracker.pack.open_circuit(0.61) - tracker.pack.open_circuit(0.59)) / 0.02
+    of_the_curve = 6 * tracker.uncertainty.voltage_error_v / slope
+    assert sd[600] > 0.7 * of_the_curve
+    assert sd[600] > 0.8 * sd[60]
+
+
 def test_resistance_of_another_pack_is_found_and_does_not_pass_for_charge(tracker):
     """The pack's ohmic resistance is twice the file's: charge stays right, the filter says where the difference is."""
     cell = tracker.pack.cell

@@ -78,13 +78,14 @@ def test_damage_costs_only_the_frames_that_it_hit():
     assert skipped.bytes < 5 * 150
 
 
-def test_a_length_that_lies_does_not_swallow_the_frames_behind_it():
+@pytest.mark.parametrize(("wanted", "liar"), [(ALL, 10), (WANTED, 11)], ids=["a wanted frame", "one passed over"])
+def test_a_length_that_lies_does_not_swallow_the_frames_behind_it(wanted, liar):
     whole = bytearray(log_of(40))
     frames, _ = frames_of(bytes(whole), ALL)
-    liar = frames[10]
-    whole[liar.begin + 9] = 255
-    found, skipped = frames_of(bytes(whole), ALL)
-    assert len(found) == 39
+    whole[frames[liar].begin + 9] = 255
+    found, skipped = frames_of(bytes(whole), wanted)
+    intact = [f for k, f in enumerate(frames) if f.message_id in wanted and k != liar]
+    assert [f.begin for f in found] == [f.begin for f in intact]
     assert skipped.places == 1
 
 
