@@ -60,7 +60,7 @@ class Equipment:
         if self.vehicle.battery.capacity_ah is not None:
             uncertainty = replace(uncertainty, capacity=self.vehicle.battery.capacity_sd)
         parallel = self.capacity_c / float(np.asarray(cell.capacity_c))
-        return Tracker(model, cell, self.series, parallel, self.battery.effects, uncertainty)
+        return Tracker(model, cell, self.series, parallel, self.battery.effects(model.value), uncertainty)
 
     def hover(self) -> Load | None:
         """Load in the hover by momentum theory, where the vehicle file gives the rotors."""

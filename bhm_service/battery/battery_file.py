@@ -24,6 +24,17 @@ from bhm_service.battery.uncertainty import Uncertainty
 from bhm_service.config import checked, read_toml
 from bhm_service.errors import BadInputError
 
+ModelName = Literal["circ", "chem"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Joined:
+    """An effect that has joined the pack; of one model only where the other has that physics in itself."""
+
+    effect: Effect
+    model: ModelName | None = None
+    sd: Mapping[str, float] = field(default_factory=dict)  # SI
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BatteryFile:
@@ -34,11 +45,15 @@ class BatteryFile:
     series: int | None = None  # of the pack that was identified; None for a cell that any pack may be built from
     circ: Circ | None = None
     chem: Chem | None = None
-    effects: tuple[Effect, ...] = ()
+    joined: tuple[Joined, ...] = ()
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
-    sd: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # SI, per section and parameter
+    sd: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # SI, per model and parameter
 
-    def cell(self, model: Literal["circ", "chem"]) -> Circ | Chem:
+    def effects(self, model: ModelName) -> tuple[Effect, ...]:
+        """The effects that a model's pack has."""
+        return tuple(j.effect for j in self.joined if j.model in (None, model))
+
+    def cell(self, model: ModelName) -> Circ | Chem:
         """The cell model asked for; BadInputError if the file has none."""
         cell = self.circ if model == "circ" else self.chem
         if cell is None:
@@ -99,14 +114,17 @@ def _default(model: type, declared: Parameter) -> Any:
 
 @lru_cache(maxsize=1)
 def _schema() -> type[BaseModel]:
-    def section(name: str, model: type, **extra: Any) -> type[BaseModel]:
-        fields: dict[str, Any] = {p.name: (_quantity(p), _default(model, p)) for p in parameters_of(model)}
+    def section(name: str, of: type, **extra: Any) -> type[BaseModel]:
+        fields: dict[str, Any] = {p.name: (_quantity(p), _default(of, p)) for p in parameters_of(of)}
         return create_model(name, __base__=_Strict, **fields, **extra)
 
     coefficients = Annotated[tuple[float, ...], Field(min_length=1, max_length=24)]
     circ = section("Circ", Circ, ocv=(Annotated[_Cubic | _Spline, Field(discriminator="kind")], ...))
     chem = section("Chem", Chem, a_p=(coefficients, ...), a_n=(coefficients, (0.0,)))
-    effects = tuple(section(effect.__name__, effect, id=(Literal[name], ...)) for name, effect in EFFECTS.items())
+    effects = tuple(
+        section(effect.__name__, effect, id=(Literal[name], ...), model=(ModelName | None, None))
+        for name, effect in EFFECTS.items()
+    )
     union: Any = effects[0]
     for effect in effects[1:]:
         union = union | effect
@@ -137,18 +155,18 @@ def read_battery(path: Path) -> BatteryFile:
     if given.chem is not None:
         values, sd["chem"] = _si(Chem, given.chem)
         chem = Chem(a_p=given.chem.a_p, a_n=given.chem.a_n, **values)
-    effects = []
+    joined = []
     for entry in given.effect:
         kind = EFFECTS[entry.id]
-        values, sd[entry.id] = _si(kind, entry)
-        effects.append(kind(**values))
+        values, spread = _si(kind, entry)
+        joined.append(Joined(effect=kind(**values), model=entry.model, sd=spread))
     return BatteryFile(
         name=given.name,
         source=given.source,
         series=given.series,
         circ=circ,
         chem=chem,
-        effects=tuple(effects),
+        joined=tuple(joined),
         uncertainty=Uncertainty(**_si(Uncertainty, given.uncertainty)[0]) if given.uncertainty else Uncertainty(),
         sd=sd,
     )
@@ -194,12 +212,14 @@ def write_battery(path: Path, battery: BatteryFile) -> None:
         section.add("a_n", _numbers(battery.chem.a_n).comment("[J/mol] A_n,k: negative electrode"))
         document["chem"] = section
     document["uncertainty"] = _section(battery.uncertainty, {})
-    if battery.effects:
+    if battery.joined:
         tables = tomlkit.aot()
-        for effect in battery.effects:
+        for joined in battery.joined:
             table = tomlkit.table()
-            table["id"] = effect.id
-            for key, item in _section(effect, battery.sd.get(effect.id, {})).items():
+            table["id"] = joined.effect.id
+            if joined.model is not None:
+                table["model"] = joined.model
+            for key, item in _section(joined.effect, joined.sd).items():
                 table.add(key, item)
             tables.append(table)
         document["effect"] = tables

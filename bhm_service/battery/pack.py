@@ -133,22 +133,23 @@ class PackModel:
             begin, end = effect.true_current(begin), effect.true_current(end)
         by = self.modifiers(before, temperature)
         n = self._n_cell
-        cell = self.cell.advance(solver, start[:n], begin / self.parallel, end / self.parallel, by)
+        begin, end = begin / self.parallel, end / self.parallel
+        cell = self.cell.advance(solver, start[:n], begin, end, by)
         if len(start) == n:
             return cell
         ends = [*cell, *start[n:]]
         if self._moving:
             losses = self._losses(before, begin, by) if self._feedback else 0.0
-            interval = Interval(begin, end, before[0], self._known(before, temperature), losses)
+            interval = Interval(begin, end, by, before[0], self._known(before, temperature), losses)
             for effect, where in self._moving:
                 ends[where] = effect.advance(solver, start[where], interval)
         return tuple(ends)
 
-    def _losses(self, states: States, current: Value, by: Modifiers) -> Value:
+    def _losses(self, states: States, cell_current: Value, by: Modifiers) -> Value:
         cell = states[: self._n_cell]
-        i = current / self.parallel
-        drop = self.cell.open_circuit(cell[0]) - self.cell.emf(cell, by) + i * self.cell.series_resistance(by)
-        return self.series * current * drop
+        instant = cell_current * self.cell.series_resistance(by)
+        drop = self.cell.open_circuit(cell[0]) - self.cell.emf(cell, by) + instant
+        return self.series * self.parallel * cell_current * drop
 
     # ---- voltage ------------------------------------------------------------------------------------------------
 
@@ -173,8 +174,9 @@ class PackModel:
         resistance = self.series * self.cell.series_resistance(by) / self.parallel
         if self._adding:
             known = self._known(states, temperature)
+            now = Instant(current, current / self.parallel, states[0], known, self.series)
             for effect, where in self._adding:
-                emf = emf + effect.extra_voltage(states[where], Instant(current, states[0], known, self.series))
+                emf = emf + effect.extra_voltage(states[where], now)
         return emf, resistance
 
     def current_at_power(

@@ -84,7 +84,8 @@ class Tracker:
     ) -> None:
         self.model = model
         self.uncertainty = uncertainty if uncertainty is not None else Uncertainty()
-        self.drift = Drift(capacity_c=cell.capacity_c * parallel)
+        self.drift = Drift(capacity_c=cell.capacity_c)
+        self._parallel = parallel
         self.pack = PackModel(cell, series, parallel, (*effects, self.drift))
         self._capacity_c = float(np.asarray(self.pack.capacity_c))
         self._capacity_a = self._capacity_c / SECONDS_PER_HOUR
@@ -320,7 +321,7 @@ class Tracker:
         noise[self._log_r] = _RESISTANCE_DRIFT**2 * dt * flying + 1e-10 * dt
         noise[self._log_p] = noise[self._log_r]
         noise[self._log_c] = 1e-12 * dt
-        kept = math.exp(-dt / float(self.drift.error_tau(0.5 * (begin + end))))
+        kept = math.exp(-dt / float(self.drift.error_tau(0.5 * (begin + end) / self._parallel)))
         noise[self._error] = self.uncertainty.voltage_error_v**2 * (1.0 - kept * kept)
         return np.diag(noise)
 

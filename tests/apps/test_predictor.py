@@ -24,7 +24,7 @@ LIMITS = Limits(threshold_soc=0.2, cutoff_v=6 * 3.3)
 @pytest.fixture
 def tracker(generic):
     cell = generic.circ
-    return Tracker(Model.CIRC, cell, 6, 16.0 * 3600.0 / cell.c_max, generic.effects, generic.uncertainty)
+    return Tracker(Model.CIRC, cell, 6, 16.0 * 3600.0 / cell.c_max, generic.effects("circ"), generic.uncertainty)
 
 
 def app(tracker, **settings):

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from battery.cells import CUBIC, chem, circ
 
-from bhm_service.battery.battery_file import BatteryFile, read_battery, write_battery
-from bhm_service.battery.effects import ResistanceTemperature
+from bhm_service.battery.battery_file import BatteryFile, Joined, read_battery, write_battery
+from bhm_service.battery.effects import ResistanceTemperature, SlowDiffusion
 from bhm_service.errors import BadInputError
 
 R_S = 'value = 0.004, sd = 0.0002, unit = "ohm"'
@@ -19,7 +19,10 @@ def written(tmp_path):
             series=6,
             circ=circ(),
             chem=chem(),
-            effects=(ResistanceTemperature(activation_energy=21.5e3),),
+            joined=(
+                Joined(effect=ResistanceTemperature(activation_energy=21.5e3), sd={"activation_energy": 900.0}),
+                Joined(effect=SlowDiffusion(resistance=0.002, time_constant=400.0), model="circ"),
+            ),
             sd={"circ": {"r_s": 2e-4}},
         ),
     )
@@ -32,11 +35,18 @@ def test_what_is_written_is_read_back(written):
     assert back.circ.r_s == pytest.approx(0.004)
     assert back.circ.c_max == pytest.approx(18000.0)
     assert back.chem.a_p == pytest.approx(chem().a_p)
-    assert back.effects[0].activation_energy == pytest.approx(21.5e3)
+    assert back.joined[0].effect.activation_energy == pytest.approx(21.5e3)
+    assert back.joined[0].sd["activation_energy"] == pytest.approx(900.0)
     assert back.sd["circ"]["r_s"] == pytest.approx(2e-4)
     soc = np.linspace(0, 1, 50)
     np.testing.assert_allclose(back.circ.open_circuit(soc), circ().open_circuit(soc), atol=1e-5)
     np.testing.assert_allclose(back.chem.open_circuit(soc), chem().open_circuit(soc), atol=1e-5)
+
+
+def test_an_effect_of_one_model_joins_that_model_only(written):
+    back = read_battery(written)
+    assert [type(e) for e in back.effects("circ")] == [ResistanceTemperature, SlowDiffusion]
+    assert [type(e) for e in back.effects("chem")] == [ResistanceTemperature]
 
 
 def test_the_papers_cubic_curve_survives_the_file(tmp_path):

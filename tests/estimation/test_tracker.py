@@ -13,7 +13,14 @@ from bhm_service.messages import BatterySample, Model, Rejection
 @pytest.fixture(params=["circ", "chem"])
 def tracker(request, generic):
     cell = generic.cell(request.param)
-    return Tracker(Model(request.param), cell, 6, 16.0 * 3600.0 / cell.capacity_c, generic.effects, generic.uncertainty)
+    return Tracker(
+        Model(request.param),
+        cell,
+        6,
+        16.0 * 3600.0 / cell.capacity_c,
+        generic.effects(request.param),
+        generic.uncertainty,
+    )
 
 
 def sample(time_s, volts, amps, kelvin=None):

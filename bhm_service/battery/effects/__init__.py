@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from bhm_service.battery.effects.base import Effect
 from bhm_service.battery.effects.resistance_temperature import ResistanceTemperature
+from bhm_service.battery.effects.slow_diffusion import SlowDiffusion
 
-EFFECTS: dict[str, type[Effect]] = {effect.id: effect for effect in (ResistanceTemperature,)}
+EFFECTS: dict[str, type[Effect]] = {effect.id: effect for effect in (ResistanceTemperature, SlowDiffusion)}
 
-__all__ = ["EFFECTS", "Effect", "ResistanceTemperature"]
+__all__ = ["EFFECTS", "Effect", "ResistanceTemperature", "SlowDiffusion"]

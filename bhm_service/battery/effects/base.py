@@ -19,6 +19,7 @@ class Instant:
     """What an effect may look at: the pack at one instant, or along a recording."""
 
     current: Value  # [A] true pack current
+    cell_current: Value  # [A] of it through one cell
     soc: Value  # [-]
     temperature: Value  # [K] of the cells, as far as it is known
     series: int  # cells in series
@@ -28,8 +29,9 @@ class Instant:
 class Interval:
     """What moves an effect's states over each interval."""
 
-    begin: Value  # [A] true pack current at the beginning of each
+    begin: Value  # [A] true current through one cell at the beginning of each
     end: Value  # [A] and at the end
+    by: Modifiers  # what all effects lay on the cells
     soc: Value  # [-] at the beginning of each
     temperature: Value  # [K] of the cells, at the beginning of each
     losses: Value  # [W] heat that the pack makes, at the beginning of each
