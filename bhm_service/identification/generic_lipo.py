@@ -18,11 +18,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from bhm_service.battery.battery_file import BatteryFile, write_battery
+from bhm_service.battery.battery_file import BatteryFile, Joined, write_battery
 from bhm_service.battery.chem import X_N_MAX, Chem, nernst
 from bhm_service.battery.circ import Circ
 from bhm_service.battery.effects import ResistanceTemperature
@@ -31,7 +32,8 @@ from bhm_service.battery.pack import PackModel
 from bhm_service.battery.parameters import parameters_of
 from bhm_service.battery.redlich_kister import horner, polynomial
 from bhm_service.battery.uncertainty import Uncertainty
-from bhm_service.identification.experiment import Experiment, read_experiment
+from bhm_service.identification.bench import Reading, read_bench
+from bhm_service.identification.experiment import Experiment, Kind
 from bhm_service.identification.fitting import Fit, Free, fit
 from bhm_service.units import SECONDS_PER_HOUR, Array
 
@@ -57,29 +59,34 @@ _ANY_PACK = Uncertainty(voltage_error_v=0.015, resistance=0.8, polarisation=0.6,
 
 def load(folder: Path) -> tuple[list[Experiment], Experiment]:
     """The four discharges, each from its rest, and the 1C run with its charge."""
-    whole = [read_experiment(folder / f"cell_{rate}C_cycle01.csv.gz") for rate in _RATES]
+    # Read as a variable load: the charge that follows each discharge is wanted as well.
+    whole = [
+        read_bench(folder / f"cell_{rate}C_cycle01.csv.gz", Kind.VARIABLE, Reading(series=1))[0].experiment
+        for rate in _RATES
+    ]
     return [_discharge(run) for run in whole], whole[0]
 
 
 def _discharge(run: Experiment) -> Experiment:
     count = int(np.argmax(run.current_a < 0.0))
-    part = run.part(slice(0, count), run.label)
+    part = run.part(slice(0, count))
+    assert part.temperature_k is not None
     # The log begins one second into the load: put the rest before it back.
-    return Experiment(
-        part.label,
-        np.concatenate([[0.0, 1e-3], part.time_s]),
-        np.concatenate([[0.0, part.current_a[0]], part.current_a]),
-        np.concatenate([[np.nan, np.nan], part.voltage_v]),
-        np.concatenate([part.temperature_k[:1], part.temperature_k[:1], part.temperature_k]),
+    return replace(
+        part,
+        time_s=np.concatenate([[-1.0, -0.999], part.time_s]),
+        current_a=np.concatenate([[0.0, part.current_a[0]], part.current_a]),
+        voltage_v=np.concatenate([[np.nan, np.nan], part.voltage_v]),
+        temperature_k=np.concatenate([part.temperature_k[:1], part.temperature_k[:1], part.temperature_k]),
     )
 
 
 def branch_mean(run: Experiment) -> tuple[Array, Array]:
     """Charge taken out [C] and the mean of the voltages on the way down and on the way up [V] there."""
-    down = run.part(slice(0, int(np.argmax(run.current_a < 0.0))), "down")
+    down = run.part(slice(0, int(np.argmax(run.current_a < 0.0))))
     first_up = int(np.argmax(run.current_a < 0.0))
-    up = run.part(slice(first_up, None), "up")
-    up = up.part(slice(0, int(np.argmax(up.current_a > 0.95 * up.current_a.min()))), "up")
+    up = run.part(slice(first_up, None))
+    up = up.part(slice(0, int(np.argmax(up.current_a > 0.95 * up.current_a.min()))))
     out = np.linspace(0.1, 0.9, 33) * down.charge_c[-1]
     falling = np.interp(out, down.charge_c, down.voltage_v)
     rising = np.interp(down.charge_c[-1] - out, -up.charge_c, up.voltage_v)
@@ -212,9 +219,9 @@ def main() -> None:
             "bhm_service.identification.generic_lipo",
             circ=circ,
             chem=chem,
-            effects=(effect,),
+            joined=(Joined(effect=effect, sd={"activation_energy": circ_fit.sd["activation_energy"]}),),
             uncertainty=_ANY_PACK,
-            sd={"circ": circ_fit.sd, "chem": chem_fit.sd, effect.id: circ_fit.sd},
+            sd={"circ": circ_fit.sd, "chem": chem_fit.sd},
         ),
     )
 

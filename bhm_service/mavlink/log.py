@@ -66,15 +66,7 @@ def read_log(path: Path, system: int | None = None, progress: Callable[[float], 
     ``progress`` is called with the share that is read. Raises BadInputError for what is no log, is empty or holds no
     message of an autopilot.
     """
-    if not path.exists():
-        raise BadInputError(str(path), "no such file")
-    if not path.is_file():
-        raise BadInputError(str(path), "is not a file")
-    with path.open("rb") as stream:
-        head = stream.read(4096)
-    if not head:
-        raise BadInputError(str(path), "is empty")
-    kind = _kind(head, path)
+    kind = kind_of(path)
     clock = SteadyClock()
     others: tuple[int, ...] = ()
     vehicle = 1
@@ -105,7 +97,16 @@ def _tlog_messages(
             progress(frame.end / size)
 
 
-def _kind(head: bytes, path: Path) -> LogKind:
+def kind_of(path: Path) -> LogKind:
+    """What a file is, by its content. Raises BadInputError for what is no log."""
+    if not path.exists():
+        raise BadInputError(str(path), "no such file")
+    if not path.is_file():
+        raise BadInputError(str(path), "is not a file")
+    with path.open("rb") as stream:
+        head = stream.read(4096)
+    if not head:
+        raise BadInputError(str(path), "is empty")
     if head.startswith(DATAFLASH_HEAD):
         return LogKind.DATAFLASH
     text = head

@@ -1,0 +1,242 @@
+"""Both cell models as functions of what a fit looks for."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal, Self
+
+import numpy as np
+
+from bhm_service.battery.battery_file import Joined, ModelName
+from bhm_service.battery.cell import CellModel
+from bhm_service.battery.chem import X_N_MAX, Chem, nernst
+from bhm_service.battery.circ import Circ
+from bhm_service.battery.effects import Effect, ResistanceTemperature, SlowDiffusion
+from bhm_service.battery.ocv import CubicCapacitance, MonotoneSpline
+from bhm_service.battery.redlich_kister import horner, polynomial
+from bhm_service.identification.curve import BENDS, BentCurve, spline_of, table_of
+from bhm_service.identification.unknowns import Block, numbers, positive
+from bhm_service.units import SECONDS_PER_HOUR, Array
+
+ORDER = 13  # of the Redlich-Kister series: A_0 .. A_13
+SURFACE_FRACTION = 0.1  # Daigle & Kulkarni 2013; not told apart from the diffusion time by any recording
+_AMPLITUDE = 1e4  # [J/mol] unit of A_k in the fits
+_RIDGE_V = 1e-3  # [V] weight that keeps A_k small where the curve does not need them: left free they reach 1e8 J/mol
+_KILO = 1e3  # an activation energy is looked for in kJ/mol
+_FAR = 400.0  # reach of A_k, in that unit
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Extras:
+    """Effects that are identified with the cell."""
+
+    temperature: bool = False
+    slow: bool = False
+    names: ClassVar[tuple[str, ...]] = ("activation_energy", "slow_resistance", "slow_time")
+
+    def blocks(self, ohm: float) -> list[Block]:
+        """Their unknowns; ``ohm`` is the size of the cell's resistance."""
+        found = []
+        if self.temperature:
+            found.append(numbers("activation_energy", np.array([20.0]), 8.0, 19.0))
+        if self.slow:
+            found.append(positive("slow_resistance", 0.5 * ohm, 1e-3 * ohm, 10.0 * ohm, 4.0))
+            found.append(positive("slow_time", 200.0, 15.0, 5000.0, 3.0))
+        return found
+
+    def effects(self, values: Mapping[str, Array]) -> list[Effect]:
+        """The effects of a set of values."""
+        found: list[Effect] = []
+        if self.temperature:
+            found.append(ResistanceTemperature(activation_energy=_KILO * values["activation_energy"]))
+        if self.slow:
+            found.append(SlowDiffusion(resistance=values["slow_resistance"], time_constant=values["slow_time"]))
+        return found
+
+    def joined(self, model: ModelName, values: Mapping[str, Array], sd: Mapping[str, float]) -> tuple[Joined, ...]:
+        """The effects of one set of values, as the battery file holds them."""
+        found = []
+        if self.temperature:
+            effect: Effect = ResistanceTemperature(activation_energy=_KILO * _one(values["activation_energy"]))
+            spread = {"activation_energy": _KILO * sd["activation_energy"]}
+            found.append(Joined(effect=effect, model=model, sd=spread))
+        if self.slow:
+            effect = SlowDiffusion(resistance=_one(values["slow_resistance"]), time_constant=_one(values["slow_time"]))
+            spread = {"resistance": sd["slow_resistance"], "time_constant": sd["slow_time"]}
+            found.append(Joined(effect=effect, model=model, sd=spread))
+        return tuple(found)
+
+
+def _one(values: Array) -> float:
+    return float(values.ravel()[0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Family(ABC):
+    """A cell model whose numbers are not known yet, around an open-circuit curve."""
+
+    name: ClassVar[ModelName]
+    time_constants: ClassVar[tuple[str, ...]]  # blocks that a fit may have to start from far away
+    capacity_c: float
+    curve: MonotoneSpline
+    curve_sd: float  # [V] how well the curve is known
+    extras: Extras = Extras()
+
+    @property
+    def ohm(self) -> float:
+        """Size of a LiPo cell's resistance at this capacity. [Ohm]"""
+        return 0.025 * SECONDS_PER_HOUR / self.capacity_c
+
+    def with_extras(self, extras: Extras) -> Self:
+        """The same with other effects."""
+        return replace(self, extras=extras)
+
+    @abstractmethod
+    def blocks(self) -> list[Block]:
+        """What is to be found of the cell."""
+
+    @abstractmethod
+    def cell(self, values: Mapping[str, Array]) -> CellModel:
+        """Cells of a set of values, each (M, size)."""
+
+    @abstractmethod
+    def finished(self, values: Mapping[str, Array]) -> CellModel:
+        """The one cell of a set of values (1, size), as the battery file holds it."""
+
+    @abstractmethod
+    def stages(self) -> Sequence[tuple[str, tuple[str, ...]]]:
+        """The paper's order: what a one-C discharge gives, then what a variable load gives."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CircFamily(Family):
+    """Circ around a curve: as a spline that may bend, or as the paper's cubic."""
+
+    name = "circ"
+    time_constants = ("c_sp", "slow_time")
+    ocv: Literal["spline", "cubic"] = "spline"
+
+    def blocks(self) -> list[Block]:
+        ohm = self.ohm
+        # A pair of some tens of seconds, whatever the resistance turns out to be.
+        farad = 40.0 / (0.5 * ohm)
+        found = [
+            positive("r_s", ohm, 0.02 * ohm, 20.0 * ohm, 3.0),
+            positive("r_sp0", 0.5 * ohm, 1e-3 * ohm, 20.0 * ohm, 4.0),
+            positive("r_sp1", 0.02 * ohm, 1e-6 * ohm, 5.0 * ohm, 20.0),
+            numbers("r_sp2", np.array([5.0]), 4.0, 5.0),
+            positive("c_sp", farad, 1e-3 * farad, 300.0 * farad, 5.0),
+        ]
+        if self.ocv == "spline":
+            return [*found, numbers("bends", np.zeros(BENDS.size), self.curve_sd, 8.0 * self.curve_sd)]
+        return [*found, *self._cubic_blocks()]
+
+    def _cubic_blocks(self) -> list[Block]:
+        soc = np.linspace(0.03, 1.0, 200)
+        volts = np.asarray(self.curve.voltage(soc))
+        charge = 1.02 - (1.0 - soc)  # q_b over C_max
+        # C_b / C_max = q_b / V: a cubic in SoC that is 1.02 / V_0 at SoC 1.
+        v_0 = float(np.asarray(self.curve.voltage(1.0)))
+        design = np.column_stack([soc**3 - 1.0, soc**2 - 1.0, soc - 1.0]) * volts[:, None] ** 2 / charge[:, None]
+        goal = (charge / volts - 1.02 / v_0) * volts**2 / charge
+        found = np.linalg.lstsq(design, goal, rcond=None)[0]
+        return [
+            numbers("v_0", np.array([v_0]), 0.01, 0.08),
+            numbers("cubic", found, 0.3, 2.0),
+        ]
+
+    def cell(self, values: Mapping[str, Array]) -> Circ:
+        names = ("r_s", "r_sp0", "r_sp1", "r_sp2", "c_sp")
+        numbers_ = {name: values[name] for name in names}
+        if self.ocv == "spline":
+            return Circ(ocv=BentCurve(table_of(self.curve), values["bends"]), c_max=self.capacity_c, **numbers_)
+        return Circ(ocv=self._cubic(values["v_0"], values["cubic"]), c_max=self.capacity_c, **numbers_)
+
+    def _cubic(self, v_0: Array, cubic: Array) -> CubicCapacitance:
+        c = self.capacity_c
+        return CubicCapacitance(
+            c_max=c, q_max=1.02 * c, v_0=v_0, cbp0=c * cubic[:, :1], cbp1=c * cubic[:, 1:2], cbp2=c * cubic[:, 2:]
+        )
+
+    def finished(self, values: Mapping[str, Array]) -> Circ:
+        one = {name: float(values[name][0, 0]) for name in ("r_s", "r_sp0", "r_sp1", "r_sp2", "c_sp")}
+        if self.ocv == "spline":
+            return Circ(
+                ocv=spline_of(BentCurve(table_of(self.curve), values["bends"][0])), c_max=self.capacity_c, **one
+            )
+        c, cubic = self.capacity_c, values["cubic"][0]
+        ocv = CubicCapacitance(
+            c_max=c, q_max=1.02 * c, v_0=float(values["v_0"][0, 0]),
+            cbp0=c * float(cubic[0]), cbp1=c * float(cubic[1]), cbp2=c * float(cubic[2]),
+        )  # fmt: skip
+        return Circ(ocv=ocv, c_max=c, **one)
+
+    def stages(self) -> Sequence[tuple[str, tuple[str, ...]]]:
+        return (
+            ("one-C", ("r_s", "r_sp0", "r_sp1", "r_sp2", "c_sp")),
+            ("variable", ("r_s", *Extras.names)),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChemFamily(Family):
+    """Chem around a curve: its Redlich-Kister series bends with the fit."""
+
+    name = "chem"
+    time_constants = ("t_diffusion", "tau_p", "slow_time")
+
+    def blocks(self) -> list[Block]:
+        ohm, rate = self.ohm, self.capacity_c / SECONDS_PER_HOUR
+        u_0, a = self._series()
+        reach = max(self.curve_sd / _RIDGE_V, 1.0)
+        return [
+            positive("t_diffusion", 200.0, 0.5, 2e4, 4.0),
+            positive("r_o", 0.7 * ohm, 0.02 * ohm, 20.0 * ohm, 3.0),
+            positive("tau_o", 0.2, 0.02, 20.0, 4.0),
+            positive("i_p0", 3.0 * rate, 0.02 * rate, 500.0 * rate, 6.0),
+            positive("i_n0", 20.0 * rate, 0.02 * rate, 500.0 * rate, 6.0),
+            positive("tau_p", 20.0, 0.05, 2000.0, 4.0),
+            positive("tau_n", 100.0, 0.05, 2000.0, 4.0),
+            numbers("u_0", np.array([u_0]), 0.5, 1.0),
+            numbers("a_p", a, 10.0 * reach, _FAR),
+        ]
+
+    def _series(self) -> tuple[float, Array]:
+        soc = np.linspace(0.0, 1.0, 401)
+        y = 2.0 * X_N_MAX * soc - 1.0
+        target = np.asarray(self.curve.voltage(soc)) - nernst(X_N_MAX * soc)
+        basis = [np.asarray(horner(polynomial([0.0] * k + [_AMPLITUDE]), -y)) for k in range(ORDER + 1)]
+        # U_0 is held to where cells are: any other value only shifts the series.
+        rows = [np.column_stack([np.ones_like(y), *basis]), np.diag([0.02, *([_RIDGE_V] * (ORDER + 1))])]
+        goal = np.concatenate([target, [0.02 * 4.0], np.zeros(ORDER + 1)])
+        solved = np.linalg.lstsq(np.vstack(rows), goal, rcond=None)[0]
+        return float(np.clip(solved[0], 2.1, 4.9)), solved[1:]
+
+    def cell(self, values: Mapping[str, Array]) -> Chem:
+        names = ("t_diffusion", "r_o", "tau_o", "i_p0", "i_n0", "tau_p", "tau_n", "u_0")
+        series = _AMPLITUDE * values["a_p"]
+        return Chem(
+            q_max=self.capacity_c / X_N_MAX,
+            surface_fraction=SURFACE_FRACTION,
+            a_p=tuple(series[:, k : k + 1] for k in range(series.shape[1])),
+            a_n=(0.0,),
+            **{name: values[name] for name in names},
+        )
+
+    def finished(self, values: Mapping[str, Array]) -> Chem:
+        names = ("t_diffusion", "r_o", "tau_o", "i_p0", "i_n0", "tau_p", "tau_n", "u_0")
+        return Chem(
+            q_max=self.capacity_c / X_N_MAX,
+            surface_fraction=SURFACE_FRACTION,
+            a_p=tuple(float(a) for a in _AMPLITUDE * values["a_p"][0]),
+            a_n=(0.0,),
+            **{name: float(values[name][0, 0]) for name in names},
+        )
+
+    def stages(self) -> Sequence[tuple[str, tuple[str, ...]]]:
+        return (
+            ("one-C", ("r_o", "t_diffusion", "i_p0", "i_n0", "tau_p", "tau_n")),
+            ("variable", ("r_o", "tau_o", *Extras.names)),
+        )

@@ -1,0 +1,240 @@
+"""From recordings to a battery: the paper's three stages for a start, then everything together.
+
+Slow discharge: capacity, V_0 and the open-circuit curve. One-C: the surface pair, or kinetics and diffusion. Variable
+load: the rest. Then all numbers on all recordings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from bhm_service.battery.battery_file import BatteryFile, Joined, ModelName
+from bhm_service.battery.chem import Chem
+from bhm_service.battery.circ import Circ
+from bhm_service.battery.uncertainty import Uncertainty
+from bhm_service.errors import BadInputError
+from bhm_service.identification.assess import Assessment, assess, step_resistance
+from bhm_service.identification.choice import Progress, choose
+from bhm_service.identification.experiment import Experiment, Kind
+from bhm_service.identification.families import ChemFamily, CircFamily, Family
+from bhm_service.identification.premises import EXACT, Premises, premises_of, problem_for
+from bhm_service.identification.problem import Problem, problem_of
+from bhm_service.identification.solve import Method, Solution, solve
+from bhm_service.identification.spread import Spread, not_told, spread
+
+Ocv = Literal["auto", "spline", "cubic"]
+
+_COARSE = 500  # samples of a recording where forms are compared
+_FOREIGN_V, _FOREIGN_RATIO = 0.05, 6.0  # a recording this much worse than the others is of another pack
+_STAGES = {"one-C": (Kind.ONE_C, Kind.RATE), "variable": (Kind.VARIABLE, Kind.PULSES)}
+_STARTS = (4.0, 0.25)  # times the time constants: what a fit may have missed behind a hill
+_DOUBTS = 2  # rounds in which far samples come to count less
+_VOLTAGE_ERROR = (0.003, 0.1)  # [V] what a battery file may claim
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """What to identify."""
+
+    experiments: tuple[Experiment, ...]
+    held_out: tuple[Experiment, ...] = ()
+    oracle: bool = False  # fit the held-out recordings as well, to show the best that a model's structure can do
+    series: int
+    models: tuple[ModelName, ...] = ("circ", "chem")
+    name: str = "pack"
+    method: Method = "trf"
+    ocv: Ocv = "auto"
+    capacity_ah: float | None = None
+    source: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelResult:
+    """One model's identification."""
+
+    model: ModelName
+    cell: Circ | Chem
+    joined: tuple[Joined, ...]
+    solution: Solution
+    spread: Spread
+    assessments: tuple[Assessment, ...]
+    not_told: tuple[str, ...]
+    remarks: tuple[str, ...]
+    unseen_v: float  # [V] error on pieces that a fit did not see; NaN where that was not asked
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Identified:
+    """A battery, and how it was come by."""
+
+    battery: BatteryFile
+    results: tuple[ModelResult, ...]
+    step_ohm: tuple[float, float, int] | None
+    remarks: tuple[str, ...]
+
+
+def identify(request: Request, progress: Progress = lambda _: None) -> Identified:
+    """Identify every model asked for. Raises BadInputError when the recordings cannot be of one pack."""
+    thin = tuple(e.thinned() for e in request.experiments)
+    progress("capacity and open-circuit curve")
+    premises = premises_of(thin, request.capacity_ah)
+    results = tuple(_one(model, request, thin, premises, progress) for model in request.models)
+    return Identified(
+        battery=_battery(request, results),
+        results=results,
+        step_ohm=step_resistance(request.experiments),
+        remarks=premises.remarks,
+    )
+
+
+def _one(
+    model: ModelName,
+    request: Request,
+    experiments: tuple[Experiment, ...],
+    premises: Premises,
+    progress: Progress,
+) -> ModelResult:
+    start = _family(model, request, premises)
+    coarse = tuple(e.thinned(_COARSE) for e in experiments)
+    remarks: list[str] = []
+    if request.method == "nelder-mead":
+        family, unseen = start, float("nan")
+        solution = _staged(problem_for(family, experiments, premises), request.method, progress)
+    else:
+        family, unseen, remarks = choose(start, coarse, premises, any_curve=request.ocv == "auto", progress=progress)
+        first = _staged(problem_for(family, coarse, premises), request.method, progress)
+        progress(f"{model}: all together")
+        problem = problem_for(family, experiments, premises)
+        solution = solve(problem, starts=[first.x, *_other_starts(problem, first.x)])
+        for _ in range(_DOUBTS):
+            solution = solve(problem.doubting(solution.x), starts=[solution.x])
+    progress(f"{model}: what is left open")
+    spread_ = spread(solution)
+    assessments = [
+        assess(e, misfit, soc)
+        for e, (misfit, soc) in zip(solution.problem.experiments, solution.problem.misfits(solution.x), strict=True)
+    ]
+    _all_of_one_pack(assessments)
+    if request.held_out:
+        progress(f"{model}: held-out recordings")
+        assessments += [_held_out(solution, e.thinned(6000), premises, request) for e in request.held_out]
+    cell = family.finished(solution.values)
+    assert isinstance(cell, Circ | Chem)
+    return ModelResult(
+        model=model,
+        cell=cell,
+        joined=_joined(model, solution, spread_),
+        solution=solution,
+        spread=spread_,
+        assessments=tuple(assessments),
+        not_told=tuple(not_told(spread_)),
+        remarks=tuple(remarks),
+        unseen_v=unseen,
+    )
+
+
+def _family(model: ModelName, request: Request, premises: Premises) -> Family:
+    if model == "chem":
+        return ChemFamily(capacity_c=premises.capacity_c, curve=premises.curve, curve_sd=premises.curve_sd)
+    return CircFamily(
+        capacity_c=premises.capacity_c,
+        curve=premises.curve,
+        curve_sd=premises.curve_sd,
+        ocv="cubic" if request.ocv == "cubic" else "spline",
+    )
+
+
+def _staged(problem: Problem, method: Method, progress: Progress) -> Solution:
+    """The paper's order: stage by stage on the recordings made for it, the others held."""
+    x = problem.unknowns.start
+    name = problem.family.name
+    for stage, free in problem.family.stages():
+        chosen = [e.kind in _STAGES[stage] for e in problem.experiments]
+        if any(chosen):
+            progress(f"{name}: {stage}")
+            used = tuple(u & c for u, c in zip(problem.used, chosen, strict=True))
+            x = solve(replace(problem, used=used), method, [x], free=free, evaluations=25).x
+    progress(f"{name}: joint")
+    return solve(problem, method, [x], evaluations=40)
+
+
+def _other_starts(problem: Problem, x: np.ndarray) -> list[np.ndarray]:
+    """The same with slower and faster time constants."""
+    unknowns = problem.unknowns
+    found = []
+    for factor in _STARTS:
+        other = x.copy()
+        for block in unknowns.blocks:
+            if block.name in problem.family.time_constants:
+                where = unknowns.slice_of(block.name)
+                moved = other[where] + np.log(factor)
+                other[where] = np.clip(moved, unknowns.low[where] + 0.01, unknowns.high[where] - 0.01)
+        found.append(other)
+    return found
+
+
+def _held_out(solution: Solution, experiment: Experiment, premises: Premises, request: Request) -> Assessment:
+    """A recording that was not fitted; only the charge that it begins with comes from its own rest."""
+    problem = problem_of(solution.problem.family, [experiment], [premises.soc(experiment)], [EXACT])
+    x = problem.unknowns.start
+    for block in problem.unknowns.blocks:
+        if "[" not in block.name:
+            x[problem.unknowns.slice_of(block.name)] = solution.x[solution.problem.unknowns.slice_of(block.name)]
+    ((misfit, soc),) = problem.misfits(x)
+    oracle = solve(problem, starts=[x]).x if request.oracle else None
+    best = problem.misfits(oracle)[0][0] if oracle is not None else None
+    return assess(experiment, misfit, soc, held_out=True, oracle=best)
+
+
+def _all_of_one_pack(assessments: Sequence[Assessment]) -> None:
+    errors = [a.whole.rmse for a in assessments]
+    for k, found in enumerate(assessments):
+        others = [e for j, e in enumerate(errors) if j != k and np.isfinite(e)]
+        if others and found.whole.rmse > max(_FOREIGN_V, _FOREIGN_RATIO * float(np.median(others))):
+            raise BadInputError(
+                found.label,
+                f"does not fit the pack of the other recordings: it is off by {1e3 * found.whole.rmse:.0f} mV a cell, "
+                f"they by {1e3 * float(np.median(others)):.0f} mV",
+                "is it of another pack, or of another number of cells (--series)?",
+            )
+
+
+# ---- the file -------------------------------------------------------------------------------------------------------
+
+
+def _battery(request: Request, results: Sequence[ModelResult]) -> BatteryFile:
+    by_model = {r.model: r for r in results}
+    known = [r.unseen_v for r in results if np.isfinite(r.unseen_v)]
+    circ, chem = (by_model[m].cell if m in by_model else None for m in ("circ", "chem"))
+    assert circ is None or isinstance(circ, Circ)
+    assert chem is None or isinstance(chem, Chem)
+    return BatteryFile(
+        name=request.name,
+        source=request.source,
+        series=request.series,
+        circ=circ,
+        chem=chem,
+        joined=tuple(j for r in results for j in r.joined),
+        uncertainty=Uncertainty(voltage_error_v=float(np.clip(max(known, default=0.01), *_VOLTAGE_ERROR))),
+        sd={r.model: _sd(r.solution, r.spread) for r in results},
+    )
+
+
+def _sd(solution: Solution, spread_: Spread) -> dict[str, float]:
+    """Standard deviations in SI; of what a fit found as a logarithm, times the number."""
+    unknowns = solution.problem.unknowns
+    found: dict[str, float] = {}
+    for block in unknowns.blocks:
+        if block.size == 1 and "[" not in block.name:
+            k = unknowns.slice_of(block.name).start
+            value = float(block.outer(solution.x[k]))
+            found[block.name] = spread_.sd(k) * (value if block.log else 1.0)
+    return found
+
+
+def _joined(model: ModelName, solution: Solution, spread_: Spread) -> tuple[Joined, ...]:
+    return solution.problem.family.extras.joined(model, solution.values, _sd(solution, spread_))

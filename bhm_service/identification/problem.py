@@ -1,0 +1,135 @@
+"""One fit: a family of cells, the recordings that it is to follow, and the residuals of many candidates in one call."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bhm_service.battery.cell import Modifiers
+from bhm_service.battery.effects.base import Effect
+from bhm_service.battery.pack import PackModel
+from bhm_service.identification.experiment import Experiment
+from bhm_service.identification.families import Family
+from bhm_service.identification.unknowns import Unknowns, joined, numbers
+from bhm_service.units import Array, Flags, Value
+
+SIGMA_V = 0.004  # [V] what a cell model is first expected to follow; the fit finds out how well it really does
+_SAMPLES_PER_S = 0.1  # independent voltages: neighbouring residuals say the same thing
+_FEWEST, _MOST = 60.0, 400.0
+_LOW_SOC, _LOW_WEIGHT = 0.10, 0.2  # near empty cells differ by more than a model can follow
+_SLOPE_SPAN = np.linspace(0.0, 1.0, 101)
+_LEAST_SLOPE_V, _SLOPE_SD_V = 0.02, 0.01  # [V per unit of charge] a curve falls by at least this
+_FAR = 2.0  # times the usual misfit: from here on a sample is doubted
+FULL_SOC_SD = 0.003  # of a recording that begins rested and full
+
+
+class _Scale(Effect):
+    """A recording's own capacity: cells age between recordings."""
+
+    def __init__(self, log_scale: Array) -> None:
+        self._by = Modifiers(capacity=np.exp(log_scale))
+
+    def modifiers(self, state: tuple[Value, ...], temperature: Value) -> Modifiers:
+        return self._by
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """Recordings and a family; ``used`` tells, for each recording, the samples that the fit may look at."""
+
+    family: Family
+    experiments: tuple[Experiment, ...]
+    used: tuple[Flags, ...]
+    soc_prior: tuple[tuple[float, float], ...]  # of each recording's first sample: mean and standard deviation
+    scale_sd: tuple[float, ...]  # how far each recording's capacity may be from the family's, as a logarithm
+    trust: tuple[Array, ...] = ()  # in each sample, where a fit found that no cell model follows some of them
+
+    @property
+    def unknowns(self) -> Unknowns:
+        """The cell's, its effects', and the state of charge that each recording begins with."""
+        starts = [
+            numbers(f"soc[{k}]", np.array([mean]), sd, min(10.0 * sd, 0.5))
+            for k, (mean, sd) in enumerate(self.soc_prior)
+        ]
+        scales = [numbers(f"scale[{k}]", np.array([0.0]), sd, 8.0 * sd) for k, sd in enumerate(self.scale_sd)]
+        return joined(self.family.blocks(), self.family.extras.blocks(self.family.ohm), starts, scales)
+
+    def residuals(self, x: Array) -> Array:
+        """Weighted residuals and pulls (M, R) of candidates (M, n), in standard deviations."""
+        unknowns = self.unknowns
+        values = unknowns.values(x)
+        parts = []
+        for (voltage, soc), experiment, used, weight in zip(
+            self._runs(values), self.experiments, self.used, self.weights(), strict=True
+        ):
+            low = np.where(soc < _LOW_SOC, _LOW_WEIGHT, 1.0)
+            parts.append(((voltage - experiment.voltage_v) * low * weight)[:, used])
+        return np.concatenate([*parts, unknowns.pulls(x), self._monotone(values)], axis=1)
+
+    def misfits(self, x: Array) -> list[tuple[Array, Array]]:
+        """Modelled minus measured voltage [V] and state of charge along every recording, for one candidate (n,)."""
+        runs = self._runs(self.unknowns.values(x))
+        return [(voltage[0] - e.voltage_v, soc[0]) for (voltage, soc), e in zip(runs, self.experiments, strict=True)]
+
+    def _runs(self, values: dict[str, Array]) -> list[tuple[Array, Array]]:
+        cell = self.family.cell(values)
+        effects = self.family.extras.effects(values)
+        columns = next(iter(values.values())).shape[0]
+        found = []
+        for k, experiment in enumerate(self.experiments):
+            pack = PackModel(cell, 1, 1.0, [*effects, _Scale(values[f"scale[{k}]"])])
+            run = pack.simulate(experiment.time_s, experiment.current_a, values[f"soc[{k}]"], experiment.temperature_k)
+            shape = (columns, experiment.time_s.size)
+            found.append((np.broadcast_to(run.voltage, shape), np.broadcast_to(run.soc, shape)))
+        return found
+
+    def weights(self) -> list[Array]:
+        """Of every sample's residual: what it counts, over what it is expected to be. [1/V]"""
+        found = []
+        trust = self.trust or (1.0,) * len(self.experiments)
+        for experiment, used, trusted in zip(self.experiments, self.used, trust, strict=True):
+            span = float(experiment.time_s[-1] - experiment.time_s[0])
+            count = min(max(span * _SAMPLES_PER_S, _FEWEST), _MOST)
+            share = experiment.weights() * used
+            total = float(share.sum())
+            each = np.sqrt(share / max(total, 1e-300) * count * float(used.mean()) ** 0.5) / SIGMA_V
+            found.append(np.asarray(each * trusted))
+        return found
+
+    def doubting(self, x: Array) -> Problem:
+        """The same with less trust in samples that the candidate ``x`` is far from, by the spread of the others.
+
+        Spikes, and pulses beyond what the model's structure can follow, would otherwise bend all numbers.
+        """
+        trust = []
+        for misfit, _ in self.misfits(x):
+            usual = max(1.48 * float(np.nanmedian(np.abs(misfit))), SIGMA_V)
+            trust.append(1.0 / np.sqrt(1.0 + (np.nan_to_num(misfit) / (_FAR * usual)) ** 2))
+        return replace(self, trust=tuple(trust))
+
+    def _monotone(self, values: dict[str, Array]) -> Array:
+        """What a curve that does not fall is punished with."""
+        curve = np.asarray(self.family.cell(values).open_circuit(_SLOPE_SPAN))
+        curve = np.atleast_2d(curve)
+        slope = np.diff(curve, axis=1) * (_SLOPE_SPAN.size - 1)
+        columns = next(iter(values.values())).shape[0]
+        short: Array = np.minimum(slope - _LEAST_SLOPE_V, 0.0) / _SLOPE_SD_V
+        return np.broadcast_to(short, (columns, short.shape[1]))
+
+    @property
+    def data_rows(self) -> int:
+        """How many of the residuals are of recordings; pulls follow them."""
+        return int(sum(used.sum() for used in self.used))
+
+
+def problem_of(
+    family: Family,
+    experiments: Sequence[Experiment],
+    soc_prior: Sequence[tuple[float, float]],
+    scale_sd: Sequence[float],
+) -> Problem:
+    """All samples with a voltage are looked at."""
+    measured = tuple(e.measured for e in experiments)
+    return Problem(family, tuple(experiments), measured, tuple(soc_prior), tuple(scale_sd))

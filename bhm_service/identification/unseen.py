@@ -1,0 +1,51 @@
+"""How well a form of a model predicts pieces of the recordings that its fit did not see.
+
+Every recording is cut into ten pieces; a form is fitted to the even ones and judged on the odd ones, and the other way
+round.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bhm_service.identification.problem import Problem
+from bhm_service.identification.solve import solve
+from bhm_service.identification.unknowns import Block
+from bhm_service.units import Array
+
+BETTER = 0.95  # of the error without it: what an addition has to reach
+_PIECES = 10
+_EDGE = 0.02  # of a bound's range (in the fit's own numbers): nearer than this is at the bound
+_AGREEING = 0.5  # of what was not known before
+_LEAST_SOC = 0.05  # below, cells are not alike
+
+
+def unseen_error(problem: Problem) -> tuple[float, bool]:
+    """RMS of the recordings' errors on pieces that a fit did not see [V]; whether the two fits' additions are sound.
+
+    Sound: off the bounds of what is physical, and the two fits agree to half of what was not known before.
+    """
+    squares: list[float] = []
+    additions = problem.family.extras.blocks(problem.family.ohm)
+    found_x: list[Array] = []
+    for fold in (0, 1):
+        pieces = [np.arange(e.time_s.size) * _PIECES // e.time_s.size % 2 == fold for e in problem.experiments]
+        seen = tuple(u & p for u, p in zip(problem.used, pieces, strict=True))
+        found = solve(replace(problem, used=seen), evaluations=25)
+        found_x.append(found.x)
+        for e, used, piece, (misfit, soc) in zip(
+            problem.experiments, problem.used, pieces, problem.misfits(found.x), strict=True
+        ):
+            weight = e.weights() * (used & ~piece & (soc > _LEAST_SOC))
+            if weight.sum() > 0.0:
+                squares.append(float(np.nansum(weight * np.nan_to_num(misfit) ** 2) / weight.sum()))
+    sound = all(_sound(block, *(x[problem.unknowns.slice_of(block.name)] for x in found_x)) for block in additions)
+    return float(np.sqrt(np.mean(squares))), sound
+
+
+def _sound(block: Block, one: Array, other: Array) -> bool:
+    places = (np.stack([one, other]) - block.low) / (block.high - block.low)
+    inside = np.all((places > _EDGE) & (places < 1.0 - _EDGE))
+    return bool(inside and np.all(np.abs(one - other) < _AGREEING * block.sd))
