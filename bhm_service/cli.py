@@ -1,9 +1,12 @@
-"""The command line: `bhm replay`, `bhm run`. Commands import what they need when they are called."""
+"""The command line: `bhm replay`, `bhm run`, `bhm identify`. Commands import what they need when they are called."""
 
 from __future__ import annotations
 
+import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -61,8 +64,66 @@ def run(link: str, vehicle: Path, battery: Path | None, service: Path | None) ->
     sys.exit(run_service(link, vehicle, battery, service))
 
 
+class _Several(click.Command):
+    """An option that may be repeated also takes several values: ``--rate *.csv``."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        repeatable = {name for p in self.params if isinstance(p, click.Option) and p.multiple for name in p.opts}
+        spread: list[str] = []
+        name, values = "", 0
+        for arg in args:
+            if arg.startswith("-"):
+                name, values = arg, 0
+            else:
+                if values and name in repeatable:
+                    spread.append(name)
+                values += 1
+            spread.append(arg)
+        return super().parse_args(ctx, spread)
+
+
+def _recordings(name: str, what: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    return click.option(name, multiple=True, type=_FILE, metavar="FILE...", help=what)
+
+
+@cli.command(cls=_Several)
+@_recordings("--slow", "Slow discharge from full to empty: capacity and open-circuit curve.")
+@_recordings("--one-c", "Discharge at the rated current.")
+@_recordings("--variable", "Load as in flight, or a drive cycle.")
+@_recordings("--pulses", "Pulses and rests.")
+@_recordings("--rate", "Discharges at other rates.")
+@_recordings("--held-out", "Not fitted: shows how good the result is.")
+@click.option("--oracle", is_flag=True, help="Show beside the held-out errors the best that each model could reach.")
+@click.option("--series", type=click.IntRange(1, 28), help="Cells in series of the recorded voltage.")
+@click.option("--model", type=click.Choice(["circ", "chem", "both"]), default="both", show_default=True)
+@click.option("--ocv", type=click.Choice(["auto", "spline", "cubic"]), default="auto", show_default=True,
+              help="Circ's open-circuit curve; cubic is the paper's.")  # fmt: skip
+@click.option("--method", type=click.Choice(["trf", "nelder-mead"]), default="trf", show_default=True,
+              help="Bounded trust region, or the paper's simplex.")  # fmt: skip
+@click.option("--capacity-ah", type=click.FloatRange(0.01, 1000.0), help="Capacity, if you know better.")
+@click.option("--columns", multiple=True, metavar="QUANTITY=NAME,...", help="Columns of tables: time=T,current=I ...")
+@click.option("--current-unit", type=click.Choice(["A", "mA"]))
+@click.option("--voltage", type=click.Choice(["pack", "cell"]), help="Whose voltage was recorded.")
+@click.option("--discharge", type=click.Choice(["positive", "negative"]), help="Sign of a discharging current.")
+@click.option("--battery-id", type=click.IntRange(0, 255), default=0, show_default=True, help="MAVLink battery id.")
+@click.option("--name", help="Name of the pack; that of the output if not given.")
+@click.option("-o", "--output", type=_FILE, required=True, help="Battery file to write.")
+@click.option("--report", type=click.Path(path_type=Path), help="Page of figures, or folder for it; beside OUTPUT.")
+def identify(**given: Any) -> None:
+    """Identify a pack's cells from bench recordings.
+
+    Recordings are tables (.csv, .csv.gz) or logs. The paper's three experiments are --slow, --one-c and --variable;
+    it works with less, and says what the recordings left open.
+    """
+    from bhm_service.commands.identify import identify_pack, task_of
+
+    identify_pack(task_of(given))
+
+
 def main() -> None:
     """Entry point: bad input ends with one clear message and status 2."""
+    # Our matrices are small: BLAS threads fight over the cores (a fit took three times as long on two).
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
     try:
         cli()
     except BadInputError as why:

@@ -91,6 +91,12 @@ def identify(request: Request, progress: Progress = lambda _: None) -> Identifie
     )
 
 
+def steps(request: Request) -> int:
+    """How often `identify` will report progress, at most."""
+    per_model = 10 if request.method == "trf" else 5
+    return 1 + len(request.models) * (per_model + bool(request.held_out)) + ("circ" in request.models)
+
+
 def _one(
     model: ModelName,
     request: Request,

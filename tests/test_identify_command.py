@@ -1,0 +1,49 @@
+"""`bhm identify` as people call it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from bhm_service.battery.battery_file import read_battery
+from bhm_service.cli import cli
+from bhm_service.errors import BadInputError
+
+CASES = Path(__file__).resolve().parents[2] / "shared" / "cases"
+needs_cases = pytest.mark.skipif(not CASES.is_dir(), reason="../shared/cases is absent")
+
+
+def run(*args: str | Path) -> str:
+    result = CliRunner().invoke(cli, ["identify", *map(str, args)], catch_exceptions=False, standalone_mode=False)
+    return result.output
+
+
+@needs_cases
+def test_a_fast_discharge_alone_gives_a_battery_file_that_reads_back(tmp_path: Path) -> None:
+    output = tmp_path / "mine.toml"
+    said = run(
+        "--one-c", CASES / "null/lab/one_c.csv.gz", "--series", "6", "--model", "circ", "--ocv", "spline", "-o", output
+    )  # fmt: skip
+    battery = read_battery(output)
+    assert battery.name == "mine"
+    assert battery.series == 6
+    assert battery.circ is not None
+    assert battery.chem is None
+    assert "no slow discharge" in said
+    assert "columns: time from time_s" in said
+
+
+def test_an_option_takes_several_files_and_one_that_is_not_there_is_named(tmp_path: Path) -> None:
+    one, two = tmp_path / "one.csv", tmp_path / "two.csv"
+    one.write_text("t_s,V,I\n" + "".join(f"{t},{4.2 - t / 2000},1.0\n" for t in range(1000)))
+    with pytest.raises(BadInputError, match=r"two\.csv: no such file"):
+        run("--rate", one, two, "--series", "1", "-o", tmp_path / "out.toml")
+
+
+def test_without_recordings_or_cells_the_question_names_the_option(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match="--slow"):
+        run("--series", "6", "-o", tmp_path / "out.toml")
+    with pytest.raises(BadInputError, match="--series N"):
+        run("--slow", tmp_path / "slow.csv", "-o", tmp_path / "out.toml")
