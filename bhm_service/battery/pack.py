@@ -13,7 +13,7 @@ import numpy as np
 
 from bhm_service.battery.cell import UNMODIFIED, CellModel, Modifiers
 from bhm_service.battery.dynamics import Course, Solver, Step
-from bhm_service.battery.effects.base import Effect, Instant, Interval
+from bhm_service.battery.effects.base import Conditions, Effect, Instant, Interval
 from bhm_service.units import REFERENCE_TEMPERATURE_K, Array, Flags, Value
 
 States = tuple[Value, ...]
@@ -50,10 +50,13 @@ class PackModel:
         # Only the hooks that are overridden are called: a bare pack pays nothing for the rest.
         self._current = self._with(lambda e: e.true_current)
         self._soc0 = self._with(lambda e: e.initial_soc)
-        self._temperature = self._with(lambda e: e.cell_temperature)
+        self._carrying = self._with(lambda e: e.cell_temperature)
+        self._rising = self._with(lambda e: e.temperature_rise)
         self._modifying = self._with(lambda e: e.modifiers)
+        self._heating = self._with(lambda e: e.heat)
         self._moving = self._with(lambda e: e.advance)
         self._adding = self._with(lambda e: e.extra_voltage)
+        self._resisting = self._with(lambda e: e.series_resistance)
         self._sensing = self._with(lambda e: e.measured_voltage)
         self._feedback = any(effect.feedback for effect in self.effects)
 
@@ -69,28 +72,39 @@ class PackModel:
 
     def rest(self, soc: Value) -> States:
         """States of a pack that has rested at ``soc``."""
-        for effect, _ in self._soc0:
-            soc = effect.initial_soc(soc)
         own: list[Value] = [value + 0.0 * soc for effect in self.effects for value in effect.start()]
         return (*self.cell.rest(soc), *own)
+
+    def start(self, soc: Value) -> States:
+        """States of a rested pack of which ``soc`` is assumed: the effects may know better."""
+        for effect, _ in self._soc0:
+            soc = effect.initial_soc(soc)
+        return self.rest(soc)
 
     def open_circuit(self, soc: Value) -> Value:
         """Voltage of the rested pack at ``soc``, effects aside. [V]"""
         return self.series * self.cell.open_circuit(soc)
 
     def _known(self, states: States, temperature: Value | None) -> Value:
+        """Temperature of the cells: measured, or a state of an effect, or that of their identification. [K]"""
+        if temperature is None:
+            for effect, where in self._carrying:
+                temperature = effect.cell_temperature(states[where])
         known: Value = REFERENCE_TEMPERATURE_K if temperature is None else temperature
-        for effect, where in self._temperature:
-            known = effect.cell_temperature(states[where], known)
+        for effect, where in self._rising:
+            known = known + effect.temperature_rise(states[where])
         return known
 
-    def modifiers(self, states: States, temperature: Value | None) -> Modifiers:
-        """What the effects together lay on the cells."""
+    def modifiers(self, states: States, temperature: Value | None, current: Value = 0.0) -> Modifiers:
+        """What the effects together lay on the cells under a true pack current [A]."""
+        return self._modifiers(states, self._known(states, temperature), current / self.parallel)
+
+    def _modifiers(self, states: States, known: Value, cell_current: Value) -> Modifiers:
         total = UNMODIFIED
         if self._modifying:
-            known = self._known(states, temperature)
+            at = Conditions(known, states[0], cell_current, self.cell)
             for effect, where in self._modifying:
-                own = effect.modifiers(states[where], known)
+                own = effect.modifiers(states[where], at)
                 total = own if total is UNMODIFIED else total.times(own)
         return total
 
@@ -131,25 +145,35 @@ class PackModel:
         """``start``: states before the first interval; ``before``: at the beginning of each (for one step the same)."""
         for effect, _ in self._current:
             begin, end = effect.true_current(begin), effect.true_current(end)
-        by = self.modifiers(before, temperature)
         n = self._n_cell
         begin, end = begin / self.parallel, end / self.parallel
+        known = self._known(before, temperature)
+        by = self._modifiers(before, known, 0.5 * (begin + end)) if self._modifying else UNMODIFIED
         cell = self.cell.advance(solver, start[:n], begin, end, by)
         if len(start) == n:
             return cell
         ends = [*cell, *start[n:]]
         if self._moving:
-            losses = self._losses(before, begin, by) if self._feedback else 0.0
-            interval = Interval(begin, end, by, before[0], self._known(before, temperature), losses)
+            losses = self._losses(before, begin, known, by) if self._feedback else 0.0
+            interval = Interval(begin, end, by, before[0], known, losses, self.cell)
             for effect, where in self._moving:
                 ends[where] = effect.advance(solver, start[where], interval)
         return tuple(ends)
 
-    def _losses(self, states: States, cell_current: Value, by: Modifiers) -> Value:
+    def _losses(self, states: States, cell_current: Value, known: Value, by: Modifiers) -> Value:
         cell = states[: self._n_cell]
         instant = cell_current * self.cell.series_resistance(by)
         drop = self.cell.open_circuit(cell[0]) - self.cell.emf(cell, by) + instant
-        return self.series * self.parallel * cell_current * drop
+        losses = self.series * self.parallel * cell_current * drop
+        if self._heating:
+            now = self._instant(states, cell_current, known, by)
+            for effect, where in self._heating:
+                losses = losses + effect.heat(states[where], now)
+        return losses
+
+    def _instant(self, states: States, cell_current: Value, known: Value, by: Modifiers) -> Instant:
+        pack_current = cell_current * self.parallel
+        return Instant(pack_current, cell_current, states[0], known, self.series, self.parallel, self.cell, by)
 
     # ---- voltage ------------------------------------------------------------------------------------------------
 
@@ -158,38 +182,51 @@ class PackModel:
         return np.asarray(self._voltage(_columns(states), current, temperature))
 
     def _voltage(self, states: States, current: Value, temperature: Value | None) -> Value:
-        for effect, _ in self._current:
-            current = effect.true_current(current)
+        current = self._true(current)
         emf, resistance = self._source(states, current, temperature)
         total = emf - resistance * current
         for effect, _ in self._sensing:
             total = effect.measured_voltage(total)
         return total
 
+    def _true(self, current: Value) -> Value:
+        for effect, _ in self._current:
+            current = effect.true_current(current)
+        return current
+
     def _source(self, states: States, current: Value, temperature: Value | None) -> tuple[Value, Value]:
         """The pack as a source: voltage ahead of the drop that follows the current at once, and that resistance."""
-        by = self.modifiers(states, temperature)
+        known = self._known(states, temperature)
+        by = self._modifiers(states, known, current / self.parallel) if self._modifying else UNMODIFIED
         cell = states[: self._n_cell]
         emf = self.series * self.cell.emf(cell, by)
         resistance = self.series * self.cell.series_resistance(by) / self.parallel
-        if self._adding:
-            known = self._known(states, temperature)
-            now = Instant(current, current / self.parallel, states[0], known, self.series)
+        if self._adding or self._resisting:
+            now = self._instant(states, current / self.parallel, known, by)
             for effect, where in self._adding:
                 emf = emf + effect.extra_voltage(states[where], now)
+            for effect, where in self._resisting:
+                resistance = resistance + effect.series_resistance(states[where], now)
         return emf, resistance
 
     def current_at_power(
         self, states: Array, power: Value, guess: Value, temperature: Value | None = None
     ) -> tuple[Array, Flags]:
-        """Current that draws ``power`` [W], and whether the pack can deliver it.
+        """Current that draws ``power`` [W], both as the sensors read them, and whether the pack can deliver it.
 
         With E the voltage ahead of the instant drop, V = (E + sqrt(E^2 - 4 R P)) / 2; a negative discriminant is a
         power that cannot be delivered, and the current returned is then that of the largest power, E / 2R.
-        ``guess`` [A] only serves effects whose extra voltage depends on the current.
+        ``guess`` [A] only serves effects whose voltage or modifiers bend with the current.
         """
         columns = _columns(states)
-        emf, resistance = self._source(columns, guess, temperature)
+        emf, resistance = self._source(columns, self._true(guess), temperature)
+        if self._current:  # sensors read straight lines: E and R stay a straight line's
+            idle = self._true(0.0)
+            emf, resistance = emf - resistance * idle, resistance * (self._true(1.0) - idle)
+        for effect, _ in self._sensing:
+            offset = effect.measured_voltage(0.0)
+            gain = effect.measured_voltage(1.0) - offset
+            emf, resistance = gain * emf + offset, gain * resistance
         discriminant = emf * emf - 4.0 * resistance * power
         deliverable = (discriminant >= 0.0) & (emf > 0.0)
         volts = 0.5 * (emf + np.sqrt(np.maximum(discriminant, 0.0)))
@@ -210,12 +247,12 @@ class PackModel:
         ----------
         time_s : array (T,)          rising. [s]
         current_a : array (T,)       measured pack current, straight between samples. [A]
-        soc : float or array (..., 1)   state of charge at the first sample.
+        soc : float or array (..., 1)   state of charge assumed at the first sample.
         temperature_k : array (T,) or None   of the pack. [K]
 
         Parameters of the cell and of the effects may carry leading axes as well, then with a last axis of one.
         """
-        start = self.rest(soc)
+        start = self.start(soc)
         solver = Course(np.diff(time_s))
         begin, end = current_a[:-1], current_a[1:]
         temperature = None if temperature_k is None else temperature_k[1:]

@@ -1,20 +1,21 @@
 """What a model or an effect says of its parameters: name, symbol, unit, range; stated once, used by everybody.
 
-The battery file, its checks, the identification's bounds and the reports all read these declarations.
+The battery file, its checks, the identification's bounds, the search for missing physics and the reports all read
+these declarations.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 _KEY = "parameter"
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """Declaration of one number of a model."""
+    """Declaration of one number of a model; what follows ``scale`` is said by effects only."""
 
     name: str
     symbol: str  # as in NASA/TM-20230012868
@@ -23,13 +24,38 @@ class Parameter:
     high: float
     meaning: str
     scale: float = 1.0
+    absent: float | None = None  # value at which the effect vanishes, in ``unit``; None: only gives it its shape
+    prior: tuple[float, float] | None = None  # mean and standard deviation of a plausible value, in ``unit``
+    per_flight: bool = False  # another value in every flight
+    driver: str | None = None  # what is known of a flight that gives this number: never fitted
+    model: Literal["circ", "chem"] | None = None  # of this model only; with the other it stays at its default
+    source: str = ""  # of prior and bounds
+
+    def si(self, value: float) -> float:
+        """A value in ``unit`` as the model holds it."""
+        return value * self.scale
 
 
 def parameter(
-    symbol: str, unit: str, low: float, high: float, meaning: str, *, scale: float = 1.0, default: float | None = None
+    symbol: str,
+    unit: str,
+    low: float,
+    high: float,
+    meaning: str,
+    *,
+    scale: float = 1.0,
+    default: float | None = None,
+    absent: float | None = None,
+    prior: tuple[float, float] | None = None,
+    per_flight: bool = False,
+    driver: str | None = None,
+    model: Literal["circ", "chem"] | None = None,
+    source: str = "",
 ) -> Any:
-    """Declare a dataclass field as a model parameter."""
-    metadata = {_KEY: (symbol, unit, low, high, meaning, scale)}
+    """Declare a dataclass field as a model parameter; ``default`` is in SI, all else in ``unit``."""
+    metadata = {
+        _KEY: (symbol, unit, low, high, meaning, scale, absent, prior, per_flight, driver, model, source),
+    }
     if default is None:
         return dataclasses.field(metadata=metadata)
     return dataclasses.field(metadata=metadata, default=default)

@@ -13,7 +13,7 @@ import numpy as np
 
 from bhm_service.battery.cell import Modifiers
 from bhm_service.battery.dynamics import Solver
-from bhm_service.battery.effects.base import Effect, Instant, Interval
+from bhm_service.battery.effects.base import Conditions, Effect, Instant, Interval
 from bhm_service.units import Value
 
 # The error of a voltage model is mostly one of its curve's shape: it lasts while the charge stands still and is
@@ -45,7 +45,7 @@ class Drift(Effect):
     def start(self) -> tuple[Value, ...]:
         return (0.0, 0.0, 0.0, 0.0)
 
-    def modifiers(self, state: tuple[Value, ...], temperature: Value) -> Modifiers:
+    def modifiers(self, state: tuple[Value, ...], at: Conditions) -> Modifiers:
         speed = np.exp(-state[1])
         return Modifiers(np.exp(state[0]), speed, speed, np.exp(state[2]))
 

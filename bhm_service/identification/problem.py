@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bhm_service.battery.cell import Modifiers
-from bhm_service.battery.effects.base import Effect
+from bhm_service.battery.effects.base import Conditions, Effect
 from bhm_service.battery.pack import PackModel
 from bhm_service.identification.experiment import Experiment
 from bhm_service.identification.families import Family
@@ -31,7 +31,7 @@ class _Scale(Effect):
     def __init__(self, log_scale: Array) -> None:
         self._by = Modifiers(capacity=np.exp(log_scale))
 
-    def modifiers(self, state: tuple[Value, ...], temperature: Value) -> Modifiers:
+    def modifiers(self, state: tuple[Value, ...], at: Conditions) -> Modifiers:
         return self._by
 
 

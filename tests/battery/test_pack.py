@@ -26,8 +26,8 @@ class SelfWarming(Effect):
     def start(self):
         return (0.0,)
 
-    def cell_temperature(self, state, known):
-        return known + state[0]
+    def temperature_rise(self, state):
+        return state[0]
 
     def advance(self, solver, start, interval):
         return (solver.lag(start[0], interval.losses / 0.4, interval.losses / 0.4, 600.0),)
@@ -41,7 +41,7 @@ def recording(seed=6, length=600):
 
 
 def stepped(pack, t, current, soc, temperature=None):
-    states = np.array(pack.rest(soc))
+    states = np.array(pack.start(soc))
     at = (lambda k: None) if temperature is None else (lambda k: temperature[k])
     volts = [float(pack.voltage(states, current[0], at(0)))]
     for k in range(1, t.size):
