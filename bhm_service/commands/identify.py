@@ -15,7 +15,8 @@ from rich.table import Table
 
 from bhm_service.battery.battery_file import ModelName, write_battery
 from bhm_service.errors import BadInputError
-from bhm_service.identification.bench import QUANTITIES, Bench, Reading, read_bench
+from bhm_service.identification.bench import Bench, read_bench
+from bhm_service.identification.bench_table import QUANTITIES, Reading
 from bhm_service.identification.experiment import Discharge, Experiment, Kind, discharges
 from bhm_service.identification.identify import Identified, Ocv, Request, identify, steps
 from bhm_service.identification.solve import Method

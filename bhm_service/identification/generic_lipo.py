@@ -32,7 +32,8 @@ from bhm_service.battery.pack import PackModel
 from bhm_service.battery.parameters import parameters_of
 from bhm_service.battery.redlich_kister import horner, polynomial
 from bhm_service.battery.uncertainty import Uncertainty
-from bhm_service.identification.bench import Reading, read_bench
+from bhm_service.identification.bench import read_bench
+from bhm_service.identification.bench_table import Reading
 from bhm_service.identification.experiment import Experiment, Kind
 from bhm_service.identification.fitting import Fit, Free, fit
 from bhm_service.units import SECONDS_PER_HOUR, Array

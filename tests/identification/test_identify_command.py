@@ -11,7 +11,7 @@ from bhm_service.battery.battery_file import read_battery
 from bhm_service.cli import cli
 from bhm_service.errors import BadInputError
 
-CASES = Path(__file__).resolve().parents[2] / "shared" / "cases"
+CASES = Path(__file__).resolve().parents[3] / "shared" / "cases"
 needs_cases = pytest.mark.skipif(not CASES.is_dir(), reason="../shared/cases is absent")
 
 
