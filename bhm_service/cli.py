@@ -53,15 +53,19 @@ def replay(
 
 
 @cli.command()
-@click.option("--link", default="udpin:127.0.0.1:14550", show_default=True, help="udpin:HOST:PORT, udpout:HOST:PORT.")
+@click.option(
+    "--link", "links", multiple=True, metavar="URL",
+    help="serial:DEVICE:BAUD, udpin:HOST:PORT, udpout:..., tcp:..., tcpin:...; may be given several times; "
+    "the service file's if not given.",
+)  # fmt: skip
 @click.option("--vehicle", type=_FILE, required=True, help="Vehicle file.")
 @click.option("--battery", type=_FILE, help="Battery file; the vehicle file's if not given.")
 @click.option("--service", type=_FILE, help="Service file: which models run, and how they predict.")
-def run(link: str, vehicle: Path, battery: Path | None, service: Path | None) -> None:
+def run(links: tuple[str, ...], vehicle: Path, battery: Path | None, service: Path | None) -> None:
     """Run beside an autopilot: estimate, predict, and tell the ground. Ctrl-C ends it."""
     from bhm_service.service import run_service
 
-    sys.exit(run_service(link, vehicle, battery, service))
+    sys.exit(run_service(links, vehicle, battery, service))
 
 
 class _Several(click.Command):

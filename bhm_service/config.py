@@ -82,9 +82,24 @@ class Prediction(Settings):
     )
 
 
+class LinkSettings(Settings):
+    """Ways to the autopilot, and who we are there."""
+
+    urls: Annotated[
+        tuple[str, ...],
+        Field(min_length=1, description="serial:DEVICE:BAUD, udpin:HOST:PORT, udpout:, tcp: or tcpin:HOST:PORT"),
+    ] = ("udpin:127.0.0.1:14550",)
+    system: Annotated[int | None, Field(ge=1, le=255, description="vehicle to follow; the first heard if absent")] = (
+        None
+    )
+    component: Annotated[int, Field(ge=191, le=194, description="our MAVLink component")] = 191
+    signing_key: Annotated[Path | None, Field(description="key file; MAVLink 2 signing is on where given")] = None
+
+
 class Service(Settings):
     """The service file: what runs, beside the vehicle."""
 
+    link: LinkSettings = LinkSettings()
     estimators: tuple[EstimatorSettings, ...] = (
         EstimatorSettings(model="circ"),
         EstimatorSettings(model="chem"),

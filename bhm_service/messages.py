@@ -152,6 +152,49 @@ class Tick:
     time_s: float
 
 
+# ---- made by the links -----------------------------------------------------------------------------------------------
+
+
+class LinkStatus(Enum):
+    """How far a link has come."""
+
+    DOWN = "down"
+    OPEN = "open, no autopilot heard"
+    ALIVE = "autopilot heard"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkState:
+    """A link came up, heard the autopilot, fell silent or went down."""
+
+    time_s: float
+    link: int
+    url: str
+    status: LinkStatus
+    because: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkReport:
+    """What went over a link since it was made, once a second."""
+
+    time_s: float
+    link: int
+    status: LinkStatus
+    bytes_in: int
+    frames_in: int
+    frames_out: int
+    lost_out: int  # there was no room to send them
+    stray_bytes: int  # belonged to no frame
+    bad_checksums: int
+    duplicates: int
+    unsigned: int  # refused, with the next two, where a signing key is set
+    forged: int
+    replayed: int
+    opened: int  # times that it came up
+    requests: int  # for message rates
+
+
 # ---- made by the apps -----------------------------------------------------------------------------------------------
 
 
@@ -289,6 +332,7 @@ class EventCode(Enum):
     AUTOPILOT_REBOOTED = "autopilot rebooted"
     TOOK_OFF = "took off"
     LANDED = "landed"
+    SIGNING = "signing"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -328,6 +372,8 @@ Message: TypeAlias = (
     | MissionProgress
     | Wind
     | Tick
+    | LinkState
+    | LinkReport
     | BatterySample
     | FlightPhase
     | PackChange

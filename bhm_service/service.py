@@ -11,14 +11,13 @@ from types import FrameType
 
 from bhm_service.assembly import assemble
 from bhm_service.equipment import equipment_of, read_service
-from bhm_service.mavlink.decode import REQUESTED, VehicleDecoder
-from bhm_service.mavlink.encode import FrameEncoder
-from bhm_service.mavlink.frames import FrameSplitter
-from bhm_service.mavlink.link import UdpLink
+from bhm_service.mavlink.links import Links
+from bhm_service.mavlink.signing import read_key
 from bhm_service.messages import (
     BatterySample,
     Event,
     FlightPhase,
+    LinkState,
     Message,
     NamedValue,
     RemainingTime,
@@ -37,13 +36,12 @@ class Wire:
     hears = (NamedValue,)
     says: tuple[type, ...] = ()
 
-    def __init__(self, send: Callable[[bytes], None]) -> None:
-        self._send = send
-        self.encoder: FrameEncoder | None = None  # as soon as the vehicle's system id is known
+    def __init__(self, links: Links) -> None:
+        self._links = links
 
     def on_message(self, message: Message) -> Sequence[Message]:
-        if self.encoder is not None and isinstance(message, NamedValue):
-            self._send(self.encoder.named_value(message))
+        if self._links.vehicle is not None and isinstance(message, NamedValue):
+            self._links.send(self._links.encoder.named_value(message))
         return []
 
 
@@ -51,7 +49,7 @@ class Screen:
     """The sink that prints a line a second."""
 
     name = "screen"
-    hears = (BatterySample, FlightPhase, StateEstimate, RemainingTime, Event)
+    hears = (BatterySample, FlightPhase, StateEstimate, RemainingTime, Event, LinkState)
     says: tuple[type, ...] = ()
 
     def __init__(self, write: Callable[[str], object]) -> None:
@@ -67,6 +65,9 @@ class Screen:
             self._airborne = message.airborne
         elif isinstance(message, StateEstimate):
             self._soc[message.model.value] = message
+        elif isinstance(message, LinkState):
+            because = f": {message.because}" if message.because else ""
+            self._write(f"         {message.url} {message.status.value}{because}\n")
         elif isinstance(message, Event):
             self._write(f"         {message.text}\n")
         elif isinstance(message, RemainingTime):
@@ -89,39 +90,28 @@ class Screen:
         return f"{remaining:<30} SoC {models or '-':<32} {measured:<16} {where}  {health}"
 
 
-def run_service(url: str, vehicle: Path, battery: Path | None, service: Path | None) -> int:
-    """Run until SIGINT or SIGTERM; returns the exit status."""
+def run_service(urls: Sequence[str], vehicle: Path, battery: Path | None, service: Path | None) -> int:
+    """Run until SIGINT or SIGTERM; returns the exit status. ``urls`` stand in for those of the service file."""
     equipment = equipment_of(vehicle, battery)
     settings = read_service(service)
-    link = UdpLink(url)
-    wire = Wire(link.send)
-    bus = assemble(equipment, settings, sinks=[wire, Screen(sys.stdout.write)], stopwatch=time.perf_counter)
-    decoder, splitter = VehicleDecoder(), FrameSplitter()
+    link = settings.link
+    key = None if link.signing_key is None else read_key(link.signing_key)
+    links = Links(urls or link.urls, link.system, link.component, key)
+    bus = assemble(equipment, settings, sinks=[Wire(links), Screen(sys.stdout.write)], stopwatch=time.perf_counter)
     stop = _Stop()
-    sys.stdout.write(f"{equipment.vehicle.name}, battery {equipment.battery.name}; listening on {url}, Ctrl-C ends\n")
+    where = ", ".join(urls or link.urls)
+    sys.stdout.write(f"{equipment.vehicle.name}, battery {equipment.battery.name}; listening on {where}, Ctrl-C ends\n")
     due = time.monotonic() + _TICK_S
-    asked = False
     while not stop.asked:
-        for data in link.receive(max(due - time.monotonic(), 0.0)):
-            now = time.monotonic()
-            for frame in splitter.feed(data):
-                for message in decoder.decode(frame.message_id, frame.payload, frame.source, now):
-                    bus.publish(message)
+        for _, message in links.poll(max(due - time.monotonic(), 0.0)):
+            bus.publish(message)
         now = time.monotonic()
         if now < due:
             continue
         due = max(due + _TICK_S, now)
-        if decoder.system is not None and decoder.component is not None:
-            if wire.encoder is None:
-                wire.encoder = FrameEncoder(decoder.system)
-            link.send(wire.encoder.companion_heartbeat())
-            if not asked:
-                for message_id in REQUESTED:
-                    link.send(wire.encoder.request_interval(decoder.system, decoder.component, message_id, 1.0))
-                asked = True
         bus.publish(Tick(time_s=now))
         sys.stdout.flush()
-    link.close()
+    links.close()
     sys.stdout.write("stopped\n")
     return 0
 

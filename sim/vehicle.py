@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 from bhm_service.mavlink.encode import stamped
-from bhm_service.mavlink.link import UdpLink
+from bhm_service.mavlink.transport import LinkUrl, Transport, transport_of
 from sim.autopilot import Autopilot
 from sim.battery import SimulatedPack
 from sim.multirotor import Multirotor, hover_plan
@@ -28,13 +28,13 @@ def tlog(vehicle: Multirotor, autopilot: Autopilot) -> bytes:
     return bytes(out)
 
 
-def fly(vehicle: Multirotor, autopilot: Autopilot, link: UdpLink, speed: float = 1.0) -> None:
+def fly(vehicle: Multirotor, autopilot: Autopilot, link: Transport, speed: float = 1.0) -> None:
     """The flight over a link, ``speed`` seconds a second."""
     due = time.monotonic()
     while (state := vehicle.second()) is not None:
         for frame in autopilot.frames(state):
             link.send(frame)
-        link.receive(0.0)
+        link.receive()
         due += 1.0 / speed
         time.sleep(max(due - time.monotonic(), 0.0))
 
@@ -54,7 +54,8 @@ def main() -> None:
     if given.tlog is not None:
         given.tlog.write_bytes(tlog(vehicle, Autopilot()))
         return
-    link = UdpLink(given.link)
+    link = transport_of(LinkUrl.parse(given.link))
+    link.open()
     try:
         fly(vehicle, Autopilot(), link, given.speed)
     except KeyboardInterrupt:

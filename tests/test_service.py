@@ -112,7 +112,9 @@ def test_a_port_that_is_taken_is_one_clear_message():
     assert "Traceback" not in run.stderr
 
 
-@pytest.mark.parametrize("link", ["tcp", "udpin:nowhere", "udpin:127.0.0.1:99999", "serial:/dev/ttyS0"])
+@pytest.mark.parametrize(
+    "link", ["tcp", "udpin:nowhere", "udpin:127.0.0.1:99999", "serial:/dev/ttyS0", "http:localhost:80"]
+)
 def test_a_link_that_cannot_be_is_one_clear_message(link):
     run = subprocess.run(
         [sys.executable, "-m", "bhm_service.cli", "run", "--link", link, "--vehicle", VEHICLE],

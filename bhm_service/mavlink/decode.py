@@ -232,6 +232,15 @@ def _wind(f: dict[str, Any], time_s: float, source: tuple[int, int], kind: Autop
     return [Wind(time_s=time_s, speed_mps=f["speed"], direction_deg=f["direction"])]
 
 
+def _wind_cov(f: dict[str, Any], time_s: float, source: tuple[int, int], kind: AutopilotKind) -> list[Message]:
+    north, east = f["wind_x"], f["wind_y"]
+    if not (math.isfinite(north) and math.isfinite(east)):
+        return []
+    # The vector points where the air goes; a wind is named after where it comes from.
+    comes_from = math.degrees(math.atan2(-east, -north)) % 360.0
+    return [Wind(time_s=time_s, speed_mps=math.hypot(north, east), direction_deg=comes_from)]
+
+
 _Decoder = Callable[[dict[str, Any], float, tuple[int, int], AutopilotKind], list[Message]]
 _DECODERS: dict[int, _Decoder] = {
     ENUM.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
@@ -247,20 +256,11 @@ _DECODERS: dict[int, _Decoder] = {
     ENUM.MAVLINK_MSG_ID_BATTERY_STATUS: _battery_status,
     ENUM.MAVLINK_MSG_ID_WIND: _wind,
     ENUM.MAVLINK_MSG_ID_BATTERY2: _battery2,
+    ENUM.MAVLINK_MSG_ID_WIND_COV: _wind_cov,
     ENUM.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: _landed,
 }
 
 WANTED = frozenset(_DECODERS)
-REQUESTED = (  # what an autopilot is asked to send once a second
-    ENUM.MAVLINK_MSG_ID_BATTERY_STATUS,
-    ENUM.MAVLINK_MSG_ID_SYS_STATUS,
-    ENUM.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
-    ENUM.MAVLINK_MSG_ID_VFR_HUD,
-    ENUM.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
-    ENUM.MAVLINK_MSG_ID_SCALED_PRESSURE,
-    ENUM.MAVLINK_MSG_ID_SYSTEM_TIME,
-    ENUM.MAVLINK_MSG_ID_WIND,
-)
 _MISSION_ITEMS = (ENUM.MAVLINK_MSG_ID_MISSION_ITEM, ENUM.MAVLINK_MSG_ID_MISSION_ITEM_INT)
 
 

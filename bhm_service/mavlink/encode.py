@@ -20,6 +20,7 @@ class FrameEncoder:
     """Frames from one system and component, numbered in sequence."""
 
     def __init__(self, system: int, component: int = COMPONENT) -> None:
+        self.system = system
         self._mavlink: Any = ENUM.MAVLink(None, srcSystem=system, srcComponent=component)
 
     def _pack(self, message: Any) -> bytes:
@@ -57,6 +58,10 @@ class FrameEncoder:
                 system, component, ENUM.MAV_CMD_SET_MESSAGE_INTERVAL, 0, message_id, 1e6 / hertz, 0, 0, 0, 0, 0
             )
         )
+
+    def request_stream(self, system: int, component: int, stream: int, hertz: int) -> bytes:
+        """Ask for a group of messages in the old way (REQUEST_DATA_STREAM)."""
+        return self._pack(ENUM.MAVLink_request_data_stream_message(system, component, stream, hertz, 1))
 
     # ---- an autopilot's messages, for logs that hold none -------------------------------------------------------
 

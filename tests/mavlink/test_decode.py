@@ -184,7 +184,8 @@ def test_px4_sends_the_bits_of_an_integer_parameter_ardupilot_its_value():
 
 
 def test_every_kind_that_is_wanted_is_in_the_dialect():
-    from bhm_service.mavlink.decode import REQUESTED, WANTED
+    from bhm_service.mavlink.decode import WANTED
+    from bhm_service.mavlink.subscription import wanted_of
 
     assert all(message_id in mavlink.mavlink_map for message_id in WANTED)
-    assert set(REQUESTED) <= WANTED
+    assert all(set(wanted_of(kind)) <= WANTED for kind in AutopilotKind)
