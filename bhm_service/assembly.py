@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from bhm_service.apps.estimator import EstimatorApp
 from bhm_service.apps.housekeeping import HousekeepingApp
+from bhm_service.apps.limits import LimitsApp, Reserves
 from bhm_service.apps.predictor import PredictorApp, PredictorSettings
 from bhm_service.apps.publisher import PublisherApp
 from bhm_service.apps.reader import ReaderApp
@@ -17,6 +19,7 @@ from bhm_service.bus import App, Bus, Counters
 from bhm_service.config import Service, Vehicle
 from bhm_service.errors import BadInputError
 from bhm_service.estimation.tracker import Tracker
+from bhm_service.executive import Supervised
 from bhm_service.messages import Model
 from bhm_service.prediction.demand import Load, hover_power
 from bhm_service.prediction.end_of_discharge import Limits
@@ -81,15 +84,15 @@ def assemble(
     settings, capacity_a = equipment.vehicle.battery, equipment.capacity_c / SECONDS_PER_HOUR
     trackers = {Model(e.model): equipment.tracker(Model(e.model)) for e in service.estimators}
     counters: dict[str, Counters] = {}
-    apps: list[App] = [
-        ReaderApp(  # autopilot -> BatterySample, FlightPhase, PackChange
+    makers: list[Callable[[], App]] = [
+        lambda: ReaderApp(  # autopilot -> BatterySample, FlightPhase, PackChange
             settings.id,
             equipment.series,
             rest_a=resting_a(capacity_a),
             airborne_a=equipment.vehicle.airborne_a or default_airborne_a(capacity_a),
         ),
-        *(EstimatorApp(tracker) for tracker in trackers.values()),  # BatterySample -> StateEstimate
-        PredictorApp(  # StateEstimate -> EndOfDischarge, RemainingTime
+        *(partial(EstimatorApp, tracker) for tracker in trackers.values()),  # BatterySample -> StateEstimate
+        lambda: PredictorApp(  # StateEstimate -> EndOfDischarge, RemainingTime
             {model: tracker.pack for model, tracker in trackers.items()},
             PredictorSettings(
                 limits=Limits(threshold_soc=settings.threshold_soc, cutoff_v=settings.cutoff_v * equipment.series),
@@ -101,8 +104,26 @@ def assemble(
                 hover=equipment.hover(),
             ),
         ),
-        PublisherApp(),  # estimates, predictions -> NamedValue
-        HousekeepingApp(counters),  # counters -> Housekeeping
-        *sinks,
+        PublisherApp,  # estimates, predictions -> NamedValue
+        lambda: LimitsApp(  # predictions -> StatusText
+            Reserves(
+                warning_s=service.reserves.warning_s,
+                critical_s=service.reserves.critical_s,
+                landing_soc=service.reserves.landing_soc,
+            )
+        ),
+        lambda: HousekeepingApp(counters),  # counters -> Housekeeping
+        *(partial(_given, sink) for sink in sinks),
     ]
-    return Bus(apps, counters, stopwatch)
+    return Bus([_supervised(make, counters) for make in makers], counters, stopwatch)
+
+
+def _given(sink: App) -> App:
+    return sink
+
+
+def _supervised(make: Callable[[], App], counters: dict[str, Counters]) -> App:
+    mine = Counters()
+    app = Supervised(make, mine)
+    counters[app.name] = mine
+    return app

@@ -49,6 +49,8 @@ class Counters:
     dropped: int = 0
     resets: int = 0
     worst_step_s: float | None = None
+    crashes: int = 0
+    down: bool = False
 
 
 class Bus:

@@ -7,7 +7,7 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from bhm_service.errors import BadInputError
 
@@ -96,6 +96,20 @@ class LinkSettings(Settings):
     signing_key: Annotated[Path | None, Field(description="key file; MAVLink 2 signing is on where given")] = None
 
 
+class Reserves(Settings):
+    """What the pilot is told at, in flight."""
+
+    warning_s: Annotated[float, Field(ge=0.0, le=7200.0, description="[s] flying time left: a warning")] = 180.0
+    critical_s: Annotated[float, Field(ge=0.0, le=7200.0, description="[s] flying time left: land now")] = 90.0
+    landing_soc: Annotated[float, Field(ge=0.0, le=0.9, description="[-] state of charge: land now")] = 0.20
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Reserves:
+        if self.critical_s > self.warning_s:
+            raise ValueError("critical_s must not be more than warning_s")
+        return self
+
+
 class Service(Settings):
     """The service file: what runs, beside the vehicle."""
 
@@ -105,6 +119,7 @@ class Service(Settings):
         EstimatorSettings(model="chem"),
     )
     prediction: Prediction = Prediction()
+    reserves: Reserves = Reserves()
 
 
 def read_toml(path: Path) -> dict[str, Any]:

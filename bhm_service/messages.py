@@ -333,6 +333,12 @@ class EventCode(Enum):
     TOOK_OFF = "took off"
     LANDED = "landed"
     SIGNING = "signing"
+    APP_RESTARTED = "app restarted"
+    APP_DOWN = "app stays down"
+    RESUMED = "went on from a checkpoint"
+    CHECKPOINT_REFUSED = "checkpoint refused"
+    CHECKPOINT_NOT_WRITTEN = "checkpoint not written"
+    RECORDING_STOPPED = "recording stopped"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -342,6 +348,15 @@ class Event:
     time_s: float
     app: str
     code: EventCode
+    severity: Severity
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StatusText:
+    """A sentence for the pilot: STATUSTEXT."""
+
+    time_s: float
     severity: Severity
     text: str
 
@@ -357,6 +372,8 @@ class Housekeeping:
     dropped: int
     resets: int
     worst_step_s: float | None  # None where no stopwatch was handed in
+    crashes: int = 0
+    down: bool = False  # crashed twice within a minute, and is not tried again
 
 
 Message: TypeAlias = (
@@ -381,6 +398,7 @@ Message: TypeAlias = (
     | EndOfDischarge
     | RemainingTime
     | NamedValue
+    | StatusText
     | Event
     | Housekeeping
 )

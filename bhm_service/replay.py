@@ -23,6 +23,7 @@ from bhm_service.messages import (
     PackChange,
     RemainingTime,
     StateEstimate,
+    StatusText,
     Tick,
 )
 
@@ -44,6 +45,7 @@ class Replay:
     changes: list[PackChange] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     values: list[tuple[Place, NamedValue]] = field(default_factory=list)  # with the frame that they follow
+    texts: list[tuple[Place, StatusText]] = field(default_factory=list)
     housekeeping: dict[str, Housekeeping] = field(default_factory=dict)  # the last of every app
 
 
@@ -60,6 +62,7 @@ class _Notebook:
         PackChange,
         Event,
         NamedValue,
+        StatusText,
         Housekeeping,
     )
     says: tuple[type, ...] = ()
@@ -87,6 +90,8 @@ class _Notebook:
                 pages.events.append(message)
             case NamedValue():
                 pages.values.append((self.place, message))
+            case StatusText():
+                pages.texts.append((self.place, message))
             case Housekeeping():
                 pages.housekeeping[message.app] = message
             case _:

@@ -22,6 +22,7 @@ from bhm_service.messages import (
     NamedValue,
     RemainingTime,
     StateEstimate,
+    StatusText,
     Tick,
 )
 from bhm_service.reporting.words import duration, number
@@ -33,15 +34,20 @@ class Wire:
     """The sink that tells the ground."""
 
     name = "wire"
-    hears = (NamedValue,)
+    hears = (NamedValue, StatusText)
     says: tuple[type, ...] = ()
 
     def __init__(self, links: Links) -> None:
         self._links = links
 
     def on_message(self, message: Message) -> Sequence[Message]:
-        if self._links.vehicle is not None and isinstance(message, NamedValue):
+        if self._links.vehicle is None:
+            return []
+        if isinstance(message, NamedValue):
             self._links.send(self._links.encoder.named_value(message))
+        elif isinstance(message, StatusText):
+            for frame in self._links.encoder.status_text(message):
+                self._links.send(frame)
         return []
 
 
@@ -49,7 +55,7 @@ class Screen:
     """The sink that prints a line a second."""
 
     name = "screen"
-    hears = (BatterySample, FlightPhase, StateEstimate, RemainingTime, Event, LinkState)
+    hears = (BatterySample, FlightPhase, StateEstimate, RemainingTime, StatusText, Event, LinkState)
     says: tuple[type, ...] = ()
 
     def __init__(self, write: Callable[[str], object]) -> None:
@@ -68,7 +74,7 @@ class Screen:
         elif isinstance(message, LinkState):
             because = f": {message.because}" if message.because else ""
             self._write(f"         {message.url} {message.status.value}{because}\n")
-        elif isinstance(message, Event):
+        elif isinstance(message, StatusText | Event):
             self._write(f"         {message.text}\n")
         elif isinstance(message, RemainingTime):
             self._write(self._line(message) + "\n")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from bhm_service.estimation.tracker import Track, Tracker
 from bhm_service.messages import (
@@ -16,16 +17,30 @@ from bhm_service.messages import (
 )
 
 
+@dataclass(frozen=True, slots=True)
+class EstimatorState:
+    """What the app remembers."""
+
+    track: Track | None
+
+
 class EstimatorApp:
     """Keeps the track of one model."""
 
     hears = (BatterySample, PackChange)
     says = (StateEstimate, Event)
+    keeps = EstimatorState
 
     def __init__(self, tracker: Tracker) -> None:
         self.name = f"estimator-{tracker.model.value}"
         self._tracker = tracker
         self._track: Track | None = None
+
+    def state(self) -> EstimatorState:
+        return EstimatorState(self._track)
+
+    def restore(self, state: EstimatorState) -> None:
+        self._track = state.track
 
     def on_message(self, message: Message) -> Sequence[Message]:
         if isinstance(message, PackChange):

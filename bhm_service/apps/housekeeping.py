@@ -34,6 +34,8 @@ class HousekeepingApp:
                 dropped=c.dropped,
                 resets=c.resets,
                 worst_step_s=c.worst_step_s,
+                crashes=c.crashes,
+                down=c.down,
             )
             for name, c in self._counters.items()
         ]

@@ -55,12 +55,33 @@ class _Model:
     updated_s: float = -math.inf
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelState:
+    """What the app remembers of one model."""
+
+    estimate: StateEstimate | None
+    square_error: float | None
+    updated_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PredictorState:
+    """What the app remembers."""
+
+    recent: RecentLoad
+    airborne: bool
+    sample: BatterySample | None
+    below_since_s: float | None
+    models: dict[Model, ModelState]
+
+
 class PredictorApp:
     """Predicts for every model that has a fresh, valid estimate."""
 
     name = "predictor"
     hears = (Tick, BatterySample, StateEstimate, FlightPhase, PackChange)
     says = (EndOfDischarge, RemainingTime)
+    keeps = PredictorState
 
     def __init__(self, packs: Mapping[Model, PackModel], settings: PredictorSettings) -> None:
         self._settings = settings
@@ -69,6 +90,26 @@ class PredictorApp:
         self._airborne = False
         self._sample: BatterySample | None = None
         self._below_since_s: float | None = None
+
+    def state(self) -> PredictorState:
+        return PredictorState(
+            recent=self._recent,
+            airborne=self._airborne,
+            sample=self._sample,
+            below_since_s=self._below_since_s,
+            models={
+                name: ModelState(estimate=m.estimate, square_error=m.square_error, updated_s=m.updated_s)
+                for name, m in self._models.items()
+            },
+        )
+
+    def restore(self, state: PredictorState) -> None:
+        self._recent, self._airborne = state.recent, state.airborne
+        self._sample, self._below_since_s = state.sample, state.below_since_s
+        for name, kept in state.models.items():
+            if name in self._models:
+                model = self._models[name]
+                model.estimate, model.square_error, model.updated_s = kept.estimate, kept.square_error, kept.updated_s
 
     def on_message(self, message: Message) -> Sequence[Message]:
         if isinstance(message, Tick):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from bhm_service.messages import (
     AutopilotClock,
@@ -12,26 +13,45 @@ from bhm_service.messages import (
     NamedValue,
     RemainingTime,
     StateEstimate,
+    Tick,
 )
 
 _FRESH_S = 15.0
+_NO_PREDICTION_S = 2.5  # longer without one, the predictor is down
 _BOOT_WRAP_MS = 2**32
 _SUFFIX = {Model.CIRC: "CIRC", Model.CHEM: "CHEM"}
 
 
+@dataclass(frozen=True, slots=True)
+class PublisherState:
+    """What the app remembers: when the autopilot booted, on the clock of the messages."""
+
+    boot_at_s: float | None
+
+
 class PublisherApp:
-    """One set of values for every fused prediction, which comes once a second."""
+    """One set of values for every fused prediction, which comes once a second; without one, that there is none."""
 
     name = "publisher"
-    hears = (AutopilotClock, StateEstimate, EndOfDischarge, RemainingTime)
+    hears = (Tick, AutopilotClock, StateEstimate, EndOfDischarge, RemainingTime)
     says = (NamedValue,)
+    keeps = PublisherState
 
     def __init__(self) -> None:
-        self._boot_at_s: float | None = None  # when the autopilot booted, on the clock of the messages
+        self._boot_at_s: float | None = None
+        self._said_s: float | None = None
         self._estimates: dict[Model, StateEstimate] = {}
         self._predictions: dict[Model, EndOfDischarge] = {}
 
+    def state(self) -> PublisherState:
+        return PublisherState(self._boot_at_s)
+
+    def restore(self, state: PublisherState) -> None:
+        self._boot_at_s = state.boot_at_s
+
     def on_message(self, message: Message) -> Sequence[Message]:
+        if isinstance(message, Tick):
+            return self._without_prediction(message.time_s)
         if isinstance(message, AutopilotClock):
             self._boot_at_s = message.time_s - message.boot_s
         elif isinstance(message, StateEstimate):
@@ -42,8 +62,15 @@ class PublisherApp:
             return self._values(message)
         return []
 
+    def _without_prediction(self, now_s: float) -> list[Message]:
+        if self._said_s is None or now_s < self._said_s:
+            self._said_s = now_s
+        if now_s - self._said_s < _NO_PREDICTION_S:
+            return []
+        return [NamedValue(time_s=now_s, boot_ms=self._boot_ms(now_s), name="BHM_HLTH", value=2.0)]
+
     def _values(self, fused: RemainingTime) -> list[Message]:
-        now = fused.time_s
+        self._said_s = now = fused.time_s
         values: list[tuple[str, float | None]] = [
             ("BHM_RFT", fused.median_s),
             ("BHM_RFTLO", fused.low_s),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from bhm_service.messages import (
     AutopilotClock,
@@ -24,31 +26,48 @@ from bhm_service.telemetry import PackWatch, PhaseDetector, SampleMerger
 _NO_CURRENT_AFTER_S = 10.0
 
 
+@dataclass(slots=True, kw_only=True)
+class ReaderState:
+    """What the app remembers."""
+
+    merger: SampleMerger
+    phases: PhaseDetector
+    watch: PackWatch
+    first_s: float | None = None
+    measured: bool = False
+    told: bool = False
+
+
 class ReaderApp:
     """Follows one battery of one vehicle, and says so when its current is not measured."""
 
     name = "reader"
     hears = (Heartbeat, BatteryStatus, SystemStatus, LandedState, Motion, AutopilotClock)
     says = (BatterySample, FlightPhase, PackChange, Event)
+    keeps = ReaderState
 
     def __init__(self, battery_id: int, series: int, rest_a: float, airborne_a: float) -> None:
-        self._merger = SampleMerger(battery_id)
-        self._phases = PhaseDetector(airborne_a)
-        self._watch = PackWatch(series, rest_a)
-        self._first_s: float | None = None
-        self._measured = False
-        self._told = False
+        self._state = ReaderState(
+            merger=SampleMerger(battery_id), phases=PhaseDetector(airborne_a), watch=PackWatch(series, rest_a)
+        )
+
+    def state(self) -> ReaderState:
+        return copy.deepcopy(self._state)
+
+    def restore(self, state: ReaderState) -> None:
+        self._state = state
 
     def on_message(self, message: Message) -> Sequence[Message]:
-        sample = self._merger.add(message)
+        now = self._state
+        sample = now.merger.add(message)
         said: list[Message] = []
         for item in (message, sample):
             if item is None:
                 continue
-            phase = self._phases.add(item)
+            phase = now.phases.add(item)
             if phase is not None:
                 said += [phase, self._event(phase)]
-            change = self._watch.add(item, self._phases.airborne)
+            change = now.watch.add(item, now.phases.airborne)
             if change is not None:
                 said += [change, self._changed(change)]
         if sample is not None:
@@ -72,11 +91,12 @@ class ReaderApp:
         )
 
     def _nothing_to_estimate(self, sample: BatterySample) -> list[Message]:
-        self._measured = self._measured or sample.current_a is not None
-        self._first_s = sample.time_s if self._first_s is None else self._first_s
-        if self._measured or self._told or sample.time_s - self._first_s < _NO_CURRENT_AFTER_S:
+        now = self._state
+        now.measured = now.measured or sample.current_a is not None
+        now.first_s = sample.time_s if now.first_s is None else now.first_s
+        if now.measured or now.told or sample.time_s - now.first_s < _NO_CURRENT_AFTER_S:
             return []
-        self._told = True
+        now.told = True
         return [
             Event(
                 time_s=sample.time_s,

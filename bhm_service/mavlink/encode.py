@@ -6,12 +6,13 @@ import math
 from typing import Any
 
 from bhm_service.mavlink.dialect import ENUM
-from bhm_service.messages import BatteryStatus, Heartbeat, NamedValue
+from bhm_service.messages import BatteryStatus, Heartbeat, NamedValue, StatusText
 from bhm_service.units import celsius
 
 COMPONENT = ENUM.MAV_COMP_ID_ONBOARD_COMPUTER
 _NAME_LENGTH = 9  # PX4's echo cuts the tenth
 _FLOAT_MAX = 3.4e38
+_TEXT_LENGTH = 50
 _UINT16_MAX = 65535
 _INT16_MAX = 32767
 
@@ -37,6 +38,17 @@ class FrameEncoder:
         return self._pack(
             ENUM.MAVLink_named_value_float_message(value.boot_ms, value.name.encode("ascii"), value.value)
         )
+
+    def status_text(self, said: StatusText) -> list[bytes]:
+        """STATUSTEXT in chunks of 50 characters; what is not ASCII becomes a question mark."""
+        text = said.text.encode("ascii", "replace")
+        chunks = [text[at : at + _TEXT_LENGTH] for at in range(0, max(len(text), 1), _TEXT_LENGTH)]
+        # Chunks of one text share an id that is not 0; frames are numbered, so texts in a row have different ones.
+        one = 0 if len(chunks) == 1 else self._mavlink.seq % 255 + 1
+        return [
+            self._pack(ENUM.MAVLink_statustext_message(said.severity.value, chunk, one, k))
+            for k, chunk in enumerate(chunks)
+        ]
 
     def companion_heartbeat(self) -> bytes:
         """What an onboard computer says once a second."""

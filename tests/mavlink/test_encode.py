@@ -7,7 +7,7 @@ from bhm_service.mavlink.decode import VehicleDecoder
 from bhm_service.mavlink.dialect import mavlink
 from bhm_service.mavlink.encode import FrameEncoder
 from bhm_service.mavlink.frames import FrameSplitter
-from bhm_service.messages import AutopilotKind, BatteryStatus, Heartbeat, NamedValue
+from bhm_service.messages import AutopilotKind, BatteryStatus, Heartbeat, NamedValue, Severity, StatusText
 
 
 def parsed(frame):
@@ -63,3 +63,16 @@ def test_we_say_that_we_are_an_onboard_computer_and_no_autopilot():
     assert message.type == mavlink.MAV_TYPE_ONBOARD_CONTROLLER
     assert message.autopilot == mavlink.MAV_AUTOPILOT_INVALID
     assert VehicleDecoder().decode(0, bytes(message.get_payload()), (7, 191), 0.0) == []
+
+
+@pytest.mark.parametrize(("length", "chunks"), [(0, 1), (50, 1), (51, 2), (130, 3)])
+def test_a_sentence_goes_out_in_chunks_of_fifty_that_belong_together(length, chunks):
+    words = ("land now, " * 20)[:length]
+    frames = FrameEncoder(1).status_text(StatusText(time_s=0.0, severity=Severity.CRITICAL, text=words))
+    heard = [parsed(frame) for frame in frames]
+    assert len(heard) == chunks
+    assert {m.severity for m in heard} == {2}
+    assert [m.chunk_seq for m in heard] == list(range(chunks))
+    assert len({m.id for m in heard}) == 1
+    assert (heard[0].id == 0) == (chunks == 1)
+    assert "".join(m.text for m in heard) == words
