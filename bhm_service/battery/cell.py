@@ -60,6 +60,10 @@ class CellModel(Protocol):
         """Resistance whose drop follows the current at once. [Ohm]"""
         ...
 
+    def ohmic_resistance(self, by: Modifiers) -> Value:
+        """Resistance of wires, foils and electrolyte, however fast the model lets its drop follow. [Ohm]"""
+        ...
+
     def open_circuit(self, soc: Value) -> Value:
         """Voltage of a cell at rest at ``soc``. [V]"""
         ...

@@ -121,6 +121,9 @@ class Chem:
     def series_resistance(self, by: Modifiers) -> Value:
         return 0.0
 
+    def ohmic_resistance(self, by: Modifiers) -> Value:
+        return self.r_o * by.resistance
+
     def open_circuit(self, soc: Value) -> Value:
         return self._equilibrium(X_N_MAX * soc)
 

@@ -65,6 +65,9 @@ class Circ:
     def series_resistance(self, by: Modifiers) -> Value:
         return self.r_s * by.resistance
 
+    def ohmic_resistance(self, by: Modifiers) -> Value:
+        return self.r_s * by.resistance
+
     def open_circuit(self, soc: Value) -> Value:
         return self.ocv.voltage(soc)
 

@@ -13,12 +13,15 @@ import numpy as np
 
 from bhm_service.battery.cell import UNMODIFIED, CellModel, Modifiers
 from bhm_service.battery.dynamics import Course, Solver, Step
-from bhm_service.battery.effects.base import Conditions, Effect, Instant, Interval
+from bhm_service.battery.effects.base import Conditions, Effect, Instant, Interval, Spread
 from bhm_service.units import REFERENCE_TEMPERATURE_K, Array, Flags, Value
 
 States = tuple[Value, ...]
-_MOST_SWEEPS = 60
-_SWEEP_TOLERANCE = 1e-12
+_COLDEST_K, _HOTTEST_K = 220.0, 400.0  # a temperature that is a state is held where the equations mean something
+# Feedback is swept over windows of a recording until it stands still; windows grow while that is quick.
+_WINDOW_S = 240.0
+_FEW_SWEEPS, _MOST_SWEEPS = 4, 10
+_SWEEP_TOLERANCE = 1e-10  # of a state's size: with temperatures 3e-8 K, which is below a nanovolt
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +84,10 @@ class PackModel:
             soc = effect.initial_soc(soc)
         return self.rest(soc)
 
+    def spreads(self) -> list[tuple[int, Spread]]:
+        """What effects say of how uncertain a filter is of their states, with the states' columns."""
+        return [(where.start + k, said) for effect, where in self._slices for k, said in enumerate(effect.spread())]
+
     def open_circuit(self, soc: Value) -> Value:
         """Voltage of the rested pack at ``soc``, effects aside. [V]"""
         return self.series * self.cell.open_circuit(soc)
@@ -93,7 +100,7 @@ class PackModel:
         known: Value = REFERENCE_TEMPERATURE_K if temperature is None else temperature
         for effect, where in self._rising:
             known = known + effect.temperature_rise(states[where])
-        return known
+        return np.minimum(np.maximum(known, _COLDEST_K), _HOTTEST_K) if self._carrying or self._rising else known
 
     def modifiers(self, states: States, temperature: Value | None, current: Value = 0.0) -> Modifiers:
         """What the effects together lay on the cells under a true pack current [A]."""
@@ -154,7 +161,10 @@ class PackModel:
             return cell
         ends = [*cell, *start[n:]]
         if self._moving:
-            losses = self._losses(before, begin, known, by) if self._feedback else 0.0
+            losses: Value = 0.0
+            if self._feedback:
+                before = (*map(solver.begin, start[:n], cell), *before[n:])
+                losses = self._losses(before, begin, known, by)
             interval = Interval(begin, end, by, before[0], known, losses, self.cell)
             for effect, where in self._moving:
                 ends[where] = effect.advance(solver, start[where], interval)
@@ -253,20 +263,51 @@ class PackModel:
         Parameters of the cell and of the effects may carry leading axes as well, then with a last axis of one.
         """
         start = self.start(soc)
-        solver = Course(np.diff(time_s))
-        begin, end = current_a[:-1], current_a[1:]
-        temperature = None if temperature_k is None else temperature_k[1:]
-        before: States = start
-        for _ in range(_MOST_SWEEPS if self._feedback else 1):
-            ends = self._advance(solver, start, before, begin, end, temperature)
-            if not self._feedback:
-                break
-            previous, before = before, tuple(map(solver.begin, start, ends))
-            if _close(previous, before):
-                break
+        dt, begin, end = np.diff(time_s), current_a[:-1], current_a[1:]
+        temperature = None if temperature_k is None else temperature_k[..., 1:]
+        if self._feedback:
+            ends = self._swept(dt, start, begin, end, temperature)
+        else:
+            ends = self._advance(Course(dt), start, start, begin, end, temperature)
         states = tuple(_from_start(s, e, time_s.size) for s, e in zip(start, ends, strict=True))
         voltage = np.asarray(self._voltage(states, current_a, temperature_k))
         return Simulation(voltage=voltage, soc=states[0], states=states)
+
+    def _swept(self, dt: Array, start: States, begin: Array, end: Array, temperature: Array | None) -> States:
+        """States at the ends of all intervals where they act on what moves them, window by window."""
+        elapsed = np.cumsum(dt)
+        pieces: list[States] = []
+        low, width = 0, _WINDOW_S
+        while low < dt.size:
+            since = elapsed[low] - dt[low]
+            high = max(int(np.searchsorted(elapsed, since + width, side="right")), low + 1)
+            window = slice(low, high)
+            known = None if temperature is None else temperature[..., window]
+            ends, sweeps = self._settled(Course(dt[window]), start, begin[..., window], end[..., window], known)
+            if sweeps > _MOST_SWEEPS and high - low > 1:
+                width *= 0.5
+                continue
+            pieces.append(ends)
+            start = tuple(np.asarray(e)[..., -1:] for e in ends)
+            low = high
+            if sweeps <= _FEW_SWEEPS:
+                width *= 2.0
+        return tuple(np.concatenate(state, axis=-1) for state in zip(*pieces, strict=True))
+
+    def _settled(
+        self, solver: Course, start: States, begin: Array, end: Array, temperature: Array | None
+    ) -> tuple[States, int]:
+        """States at the ends of a window's intervals, and the sweeps it took; one too many: it did not settle."""
+        per_ampere = -1.0 / self.capacity_c
+        counted = solver.counter(start[0], begin * per_ampere, end * per_ampere)
+        before = (solver.begin(start[0], counted), *start[1:])
+        acting = (0, *range(self._n_cell, len(start)))  # what modifiers and heat are taken from
+        for sweep in range(1, _MOST_SWEEPS + 1):
+            ends = self._advance(solver, start, before, begin, end, temperature)
+            previous, before = before, tuple(map(solver.begin, start, ends))
+            if all(_close(previous[k], before[k]) for k in acting):
+                return ends, sweep
+        return ends, _MOST_SWEEPS + 1
 
 
 def _columns(states: Array) -> States:
@@ -283,7 +324,6 @@ def _from_start(start: Value, ends: Value, length: int) -> Array:
     return joined
 
 
-def _close(previous: States, now: States) -> bool:
-    return all(
-        np.allclose(a, b, rtol=_SWEEP_TOLERANCE, atol=_SWEEP_TOLERANCE) for a, b in zip(previous, now, strict=True)
-    )
+def _close(previous: Value, now: Value) -> bool:
+    off = np.abs(previous - now) > _SWEEP_TOLERANCE * (1.0 + np.abs(now))  # not a number counts as settled
+    return not np.any(off)

@@ -97,6 +97,8 @@ class Tracker:
             (-3.0, -3.0, -1.0),
             (3.0, 3.0, 0.5),
         )
+        # States of effects that are no voltages say themselves how uncertain they are.
+        self._spreads = self.pack.spreads()
         self._filter = UnscentedFilter(n, constrain=self._constrain)
         self._full_v = float(np.asarray(self.pack.open_circuit(1.0)))
         self._rest_states = np.array([np.broadcast_to(v, _GRID.shape) for v in self.pack.rest(_GRID)]).T
@@ -158,6 +160,8 @@ class Tracker:
             mean = self.pack.step(states, 20.0, current, temperature=sample.temperature_k)[0]
             mean[0] = soc
         diagonal = np.full(n, (0.5 * polarised / series) ** 2 + 1e-8)
+        for k, spread in self._spreads:
+            diagonal[k] = spread.start**2
         diagonal[0] = soc_sd**2
         diagonal[self._log_r] = var_log_r
         diagonal[self._log_p] = var_log_p
@@ -317,6 +321,8 @@ class Tracker:
             self.pack.n_states, (_POLARISATION_NOISE * self._settled_ohm * load / self.pack.series) ** 2 * min(dt, 60.0)
         )
         noise += 1e-12 * dt
+        for k, spread in self._spreads:
+            noise[k] = spread.drift**2 * dt
         noise[0] = (unseen / self._capacity_c) ** 2 + 1e-12 * dt
         noise[self._log_r] = _RESISTANCE_DRIFT**2 * dt * flying + 1e-10 * dt
         noise[self._log_p] = noise[self._log_r]

@@ -2,10 +2,58 @@
 
 from __future__ import annotations
 
+from bhm_service.battery.effects.ageing import CapacityFade, ResistanceGrowth
 from bhm_service.battery.effects.base import Effect
+from bhm_service.battery.effects.charge_transfer import ChargeTransfer
+from bhm_service.battery.effects.cold_capacity import ColdCapacity
+from bhm_service.battery.effects.contact import ContactResistance, IntermittentContact
+from bhm_service.battery.effects.core_lag import CoreLag
+from bhm_service.battery.effects.current_sensor import CurrentGain, CurrentOffset, UnseenLoad
+from bhm_service.battery.effects.entropic_voltage import EntropicVoltage
+from bhm_service.battery.effects.hysteresis import Hysteresis
+from bhm_service.battery.effects.rate_capacity import RateCapacity
 from bhm_service.battery.effects.resistance_temperature import ResistanceTemperature
+from bhm_service.battery.effects.self_heating import SelfHeating
+from bhm_service.battery.effects.shapes import OcvShape, ResistanceShape
 from bhm_service.battery.effects.slow_diffusion import SlowDiffusion
+from bhm_service.battery.effects.start_charge import PartialCharge, SelfDischarge
+from bhm_service.battery.effects.time_skew import TimeSkew
+from bhm_service.battery.effects.voltage_sensor import VoltageGain, VoltageOffset
+from bhm_service.battery.effects.weak_cell import WeakCell
 
-EFFECTS: dict[str, type[Effect]] = {effect.id: effect for effect in (ResistanceTemperature, SlowDiffusion)}
+_ALL: tuple[type[Effect], ...] = (
+    ResistanceTemperature, SelfHeating, CoreLag, EntropicVoltage, CapacityFade, ResistanceGrowth, ColdCapacity,
+    SlowDiffusion, ChargeTransfer, Hysteresis, UnseenLoad, CurrentGain, CurrentOffset, VoltageGain, VoltageOffset,
+    ContactResistance, WeakCell, PartialCharge, SelfDischarge, RateCapacity, TimeSkew, OcvShape, ResistanceShape,
+    IntermittentContact,
+)  # fmt: skip
+EFFECTS: dict[str, type[Effect]] = {effect.id: effect for effect in _ALL}
 
-__all__ = ["EFFECTS", "Effect", "ResistanceTemperature", "SlowDiffusion"]
+__all__ = [
+    "EFFECTS",
+    "CapacityFade",
+    "ChargeTransfer",
+    "ColdCapacity",
+    "ContactResistance",
+    "CoreLag",
+    "CurrentGain",
+    "CurrentOffset",
+    "Effect",
+    "EntropicVoltage",
+    "Hysteresis",
+    "IntermittentContact",
+    "OcvShape",
+    "PartialCharge",
+    "RateCapacity",
+    "ResistanceGrowth",
+    "ResistanceShape",
+    "ResistanceTemperature",
+    "SelfDischarge",
+    "SelfHeating",
+    "SlowDiffusion",
+    "TimeSkew",
+    "UnseenLoad",
+    "VoltageGain",
+    "VoltageOffset",
+    "WeakCell",
+]  # fmt: skip

@@ -26,7 +26,9 @@ class ResistanceTemperature(Effect):
     equation: ClassVar[str] = "R = R_25 exp[E_a / R_g (1/T - 1/298.15 K)]"
     source: ClassVar[str] = "pulse tests on Panasonic 18650PF (19.7-25 kJ/mol) and hobby LiPo (26)"
     excited_by: ClassVar[str] = "starts at different temperatures; a pack that warms up in flight"
-    mimics: ClassVar[tuple[str, ...]] = ("resistance-growth", "contact-resistance", "cold-capacity", "charge-transfer")
+    mimics: ClassVar[tuple[str, ...]] = (
+        "resistance-growth", "contact-resistance", "cold-capacity", "charge-transfer", "rate-capacity",
+    )  # fmt: skip
     manoeuvre: ClassVar[str] = "one flight with the pack soaked cold and one with it warm, same load"
     drivers: ClassVar[tuple[str, ...]] = ("temperature",)
 

@@ -24,7 +24,7 @@ class SlowDiffusion(Effect):
     equation: ClassVar[str] = "tau_2 dV_2/dt = R_2 i - V_2; Chem also t_diffusion = s t_diffusion,lab"
     source: ClassVar[str] = "second pair of equivalent circuits; diffusion of Daigle & Kulkarni 2013"
     excited_by: ClassVar[str] = "minutes of steady load, and the rest after landing"
-    mimics: ClassVar[tuple[str, ...]] = ("hysteresis", "ocv-shape", "self-heating", "charge-transfer")
+    mimics: ClassVar[tuple[str, ...]] = ("hysteresis", "ocv-shape", "self-heating")
     manoeuvre: ClassVar[str] = "keep recording for 5-10 min of rest after landing"
     state_names: ClassVar[tuple[str, ...]] = ("slow_v",)
 
