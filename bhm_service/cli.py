@@ -1,4 +1,4 @@
-"""The command line: `bhm replay`, `bhm run`, `bhm identify`. Commands import what they need when they are called."""
+"""The command line: `bhm replay`, `run`, `identify`, `prove`. Commands import what they need when called."""
 
 from __future__ import annotations
 
@@ -122,6 +122,28 @@ def identify(**given: Any) -> None:
     from bhm_service.commands.identify import identify_pack, task_of
 
     identify_pack(task_of(given))
+
+
+@cli.command()
+@click.option("--suite", "suites", multiple=True, required=True, help="Suite of cases; may be given several times.")
+@click.option("--seed", type=click.IntRange(0), help="Development seed; without one an exam seed is drawn now.")
+@click.option("--cases", type=click.IntRange(1), help="Cases of each suite; as many as it has.")
+@click.option("--jobs", type=click.IntRange(1), default=2, show_default=True, help="Cases at a time.")
+@click.option("--answerer", default="tool", show_default=True, help="tool, none, always:EFFECT, random or oracle.")
+@click.option("--keep", is_flag=True, help="Keep the cases and all that was written on them.")
+@click.option("-o", "--output", type=_FOLDER, required=True, help="Empty folder for the run and its score card.")
+def prove(
+    suites: tuple[str, ...], seed: int | None, cases: int | None, jobs: int, answerer: str, keep: bool, output: Path
+) -> None:
+    """Prove `bhm explain` on concealed cases: sealed answers, verdicts without sight of them, a score card.
+
+    The exit status is 0 when every target is met, 1 when not. Runs from a source tree: the cases come from sim/.
+    """
+    from bhm_service.commands.prove import prove_it
+    from sim.proof.run import Request
+
+    request = Request(suites=suites, seed=seed, cases=cases, jobs=jobs, answerer=answerer, output=output, keep=keep)
+    sys.exit(prove_it(request))
 
 
 def main() -> None:

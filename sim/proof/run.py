@@ -1,0 +1,208 @@
+"""A proof from the draw to the score: cases drawn, answers sealed, tool run, hash checked, opened, scored."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+import secrets
+import shutil
+import subprocess
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, Protocol
+
+from bhm_service.errors import BadInputError
+from sim.proof.answerers import Answerer, answerer
+from sim.proof.cases import Batch, Case
+from sim.proof.confine import close_memory, confinement
+from sim.proof.scoring.answers import Answer
+from sim.proof.scoring.findings import outcome_from_json
+from sim.proof.scoring.score import SuiteScore, score
+from sim.proof.sealing import Seal, opened, seal, write_opened, write_sealed
+from sim.proof.suites import SHARED, checked_seed, exam_seed, suite
+
+OUTCOMES = "outcomes.json"
+_ROOT = Path(__file__).resolve().parents[2]
+_ENTROPY_BITS = 48
+
+
+class Progress(Protocol):
+    """Told what is being done and how far it is."""
+
+    def __call__(self, what: str, done: int, total: int) -> None: ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """What to prove."""
+
+    suites: tuple[str, ...]
+    seed: int | None  # None: an exam, drawn now
+    cases: int | None = None  # of each suite; None: as many as it has
+    jobs: int = 2
+    answerer: str = "tool"
+    output: Path
+    keep: bool = False  # cases and everything that was written, not only what is scored
+
+
+@dataclass(frozen=True, slots=True)
+class Proof:
+    """A finished run."""
+
+    about: dict[str, Any]
+    answers: dict[str, list[Answer]]
+    outcomes: list[dict[str, Any]]
+    scores: tuple[SuiteScore, ...]
+
+
+def prove(request: Request, said: Callable[[str], None], progress: Progress) -> Proof:
+    """Run it all. ``said`` is given the hash before the tool runs, and the seed after.
+
+    Raises BadInputError for an unknown suite or answerer, a seed that belongs to exams, an output folder that holds
+    an earlier run, and answers that are not those that were sealed.
+    """
+    close_memory()
+    exam = request.seed is None
+    seed = exam_seed(secrets.randbits(_ENTROPY_BITS)) if request.seed is None else checked_seed(request.seed, exam)
+    chosen = [suite(name) for name in dict.fromkeys(request.suites)]
+    folder = _fresh(request.output)
+    held = folder / "held"
+    held.mkdir(mode=0o700)
+    kept_in = confinement([SHARED, held])
+    who = answerer(request.answerer, folder, kept_in)
+    begin = datetime.now(UTC)
+    batches = {s.name: s.draw(seed, request.cases or s.cases) for s in chosen}
+    answers = _made(batches, folder, held, request.jobs, progress)
+    sealed = seal(answers, seed)
+    about = {
+        "answerer": request.answerer,
+        "suites": {name: len(of) for name, of in answers.items()},
+        "exam": exam,
+        "started": begin.isoformat(timespec="seconds"),
+        "confinement": kept_in.words(),
+        **_versions(),
+    }
+    write_sealed(folder, sealed, about)
+    said(f"sealed: SHA-256 {sealed.digest}")
+    outcomes = _answered(answers, who, folder, request.jobs, progress)
+    (folder / OUTCOMES).write_text(json.dumps(outcomes) + "\n")
+    return _opened_and_scored(request, sealed, outcomes, begin, said)
+
+
+def scored(folder: Path) -> Proof:
+    """A finished run's folder, checked against its seal and scored again.
+
+    Raises BadInputError where the answers are not those that were sealed, or the folder holds no finished run.
+    """
+    try:
+        about = json.loads((folder / "sealed.json").read_text())
+        seed, answers = opened(folder)
+        outcomes = json.loads((folder / OUTCOMES).read_text())
+        about |= json.loads((folder / "ended.json").read_text())
+    except FileNotFoundError as why:
+        raise BadInputError(str(folder), f"holds no finished run: {Path(why.filename).name} is missing") from None
+    read = [outcome_from_json(o) for o in outcomes]
+    scores = tuple(score(name, of, read) for name, of in answers.items())
+    return Proof(about | {"seed": seed}, answers, outcomes, scores)
+
+
+def _opened_and_scored(
+    request: Request, sealed: Seal, outcomes: list[dict[str, Any]], begin: datetime, said: Callable[[str], None]
+) -> Proof:
+    folder = request.output
+    write_opened(folder, sealed)
+    seconds = round((datetime.now(UTC) - begin).total_seconds(), 1)
+    (folder / "ended.json").write_text(json.dumps({"seconds": seconds}) + "\n")
+    proof = scored(folder)
+    said(f"opened: the hash is the one that was sealed; seed {proof.about['seed']}")
+    if not request.keep:
+        for name in ("cases", "verdicts", "held"):
+            shutil.rmtree(folder / name, ignore_errors=True)
+    return proof
+
+
+def _fresh(folder: Path) -> Path:
+    """The output folder; one run each."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as why:
+        raise BadInputError(str(folder), f"cannot be made: {why.strerror}") from None
+    if any(folder.iterdir()):
+        raise BadInputError(str(folder), "is not empty", "a run that is scored stays as it is: choose another -o")
+    return folder
+
+
+def _made(
+    batches: dict[str, list[Batch]], folder: Path, held: Path, jobs: int, progress: Progress
+) -> dict[str, list[Answer]]:
+    """Write every case; the answers stay in memory."""
+    found: dict[str, list[Answer]] = {name: [] for name in batches}
+    visible = folder / "cases"
+    visible.mkdir()
+    total, done = sum(map(len, batches.values())), 0
+    progress("drawing cases", 0, total)
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=close_memory) as pool:
+        waiting = {pool.submit(batch, visible, held): name for name, of in batches.items() for batch in of}
+        for future in as_completed(waiting):
+            found[waiting[future]] += future.result()
+            done += 1
+            progress("drawing cases", done, total)
+    return {name: sorted(of, key=lambda a: a.case) for name, of in found.items()}
+
+
+def _answered(
+    answers: dict[str, list[Answer]], who: Answerer, folder: Path, jobs: int, progress: Progress
+) -> list[dict[str, Any]]:
+    """Every case to the answerer, which is told nothing unless it is the oracle."""
+    everyone = [answer for of in answers.values() for answer in of]
+
+    def one(answer: Answer) -> dict[str, Any]:
+        out = folder / "verdicts" / answer.case
+        out.mkdir(parents=True)
+        return who.answer(Case(folder / "cases" / answer.case), out, answer if who.needs_answer else None)
+
+    found: list[dict[str, Any]] = []
+    progress("collecting verdicts", 0, len(everyone))
+    with ThreadPoolExecutor(jobs) as pool:
+        waiting: list[Future[dict[str, Any]]] = [pool.submit(one, answer) for answer in everyone]
+        for future in as_completed(waiting):
+            found.append(future.result())
+            progress("collecting verdicts", len(found), len(everyone))
+    return sorted(found, key=lambda o: str(o["case"]))
+
+
+def _versions() -> dict[str, Any]:
+    """What ran: package, commit, assessor and machine."""
+    assessor = hashlib.sha256()
+    for path in sorted((Path(__file__).parent / "scoring").glob("*.py")):
+        assessor.update(path.read_bytes())
+    return {
+        "version": version("bhm-service"),
+        "commit": _commit(),
+        "assessor_sha256": assessor.hexdigest(),
+        "python": platform.python_version(),
+        "numpy": version("numpy"),
+        "scipy": version("scipy"),
+    }
+
+
+def _commit() -> str:
+    """The commit, with a + where files differ from it."""
+
+    def git(*words: str) -> str:
+        run = subprocess.run(["git", "-C", str(_ROOT), *words], capture_output=True, text=True, check=False)
+        return run.stdout.strip() if run.returncode == 0 else ""
+
+    commit = git("rev-parse", "--short=10", "HEAD")
+    return f"{commit}{'+' if git('status', '--porcelain') else ''}" if commit else "unknown"
+
+
+def all_met(scores: Sequence[SuiteScore]) -> bool:
+    """Whether no target was missed and every one could be computed."""
+    return all(s.failed == 0 and s.open == 0 for s in scores)
