@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -35,6 +36,7 @@ class Equipment:
 
     vehicle: Vehicle
     battery: BatteryFile
+    battery_text: str = ""  # the battery file as it was read
 
     @property
     def series(self) -> int:
@@ -55,6 +57,13 @@ class Equipment:
         cell = self.battery.circ or self.battery.chem
         assert cell is not None
         return float(np.asarray(cell.capacity_c))
+
+    def fingerprint(self, service: Service) -> str:
+        """Of everything that a belief rests on: with another one it means something else."""
+        pack = self.vehicle.battery.model_dump_json(exclude={"file"})
+        models = ",".join(estimator.model for estimator in service.estimators)
+        text = self.battery_text or repr(self.battery)
+        return hashlib.sha256(f"{pack}\n{models}\n{text}".encode()).hexdigest()
 
     def tracker(self, model: Model) -> Tracker:
         """A filter for this pack."""

@@ -58,14 +58,14 @@ def replay(
     help="serial:DEVICE:BAUD, udpin:HOST:PORT, udpout:..., tcp:..., tcpin:...; may be given several times; "
     "the service file's if not given.",
 )  # fmt: skip
-@click.option("--vehicle", type=_FILE, required=True, help="Vehicle file.")
-@click.option("--battery", type=_FILE, help="Battery file; the vehicle file's if not given.")
-@click.option("--service", type=_FILE, help="Service file: which models run, and how they predict.")
-def run(links: tuple[str, ...], vehicle: Path, battery: Path | None, service: Path | None) -> None:
+@click.option("--config", type=_FILE, help="Service file; without one nothing is kept on disk.")
+@click.option("--vehicle", type=_FILE, help="Vehicle file; the service file's if not given.")
+@click.option("--battery", type=_FILE, help="Battery file; the service or vehicle file's if not given.")
+def run(links: tuple[str, ...], config: Path | None, vehicle: Path | None, battery: Path | None) -> None:
     """Run beside an autopilot: estimate, predict, and tell the ground. Ctrl-C ends it."""
     from bhm_service.service import run_service
 
-    sys.exit(run_service(links, vehicle, battery, service))
+    sys.exit(run_service(links, config, vehicle, battery))
 
 
 class _Several(click.Command):

@@ -32,6 +32,8 @@ def packed(value: Any, bulk: bool = True) -> Any:
         return [packed(item, bulk) for item in value]
     if isinstance(value, set | frozenset):
         return sorted(packed(item, bulk) for item in value)
+    if isinstance(value, dict) and all(isinstance(key, str) for key in value):
+        return {key: packed(item, bulk) for key, item in value.items()}
     if isinstance(value, dict):
         return [[packed(key, bulk), packed(item, bulk)] for key, item in value.items()]
     if isinstance(value, type):
@@ -75,13 +77,15 @@ def _reader(kind: Any) -> Callable[[Any], Any]:
         return lambda data: origin(item(part) for part in data)
     if origin is dict:
         key, item = map(_reader, arguments)
-        return lambda data: {key(k): item(v) for k, v in data}
+        return lambda data: {key(k): item(v) for k, v in (data.items() if isinstance(data, dict) else data)}
     if kind is type or origin is type:
         return _message_type
     if dataclasses.is_dataclass(kind) and isinstance(kind, type):
         return _record(kind)
     if isinstance(kind, type) and issubclass(kind, Enum):
         return kind
+    if kind is Any:
+        return lambda data: data
     if kind is float:
         return _number
     return lambda data: _exactly(kind, data)

@@ -7,7 +7,7 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from bhm_service.errors import BadInputError
 
@@ -110,9 +110,33 @@ class Reserves(Settings):
         return self
 
 
+class CheckpointSettings(Settings):
+    """What is believed, kept over restarts."""
+
+    file: Annotated[
+        Path | None, Field(description="under $STATE_DIRECTORY or ~/.local/state/bhm; not kept if empty")
+    ] = Path("checkpoint")
+    max_age_s: Annotated[float, Field(ge=5.0, le=600.0, description="[s] an older one is not used")] = 120.0
+
+    _empty = field_validator("file", mode="before")(lambda given: given or None)
+
+
+class RecorderSettings(Settings):
+    """The flight recorder."""
+
+    folder: Annotated[
+        Path | None, Field(description="under $STATE_DIRECTORY or ~/.local/state/bhm; nothing is recorded if empty")
+    ] = Path("recordings")
+    size_mb: Annotated[float, Field(ge=1.0, le=100_000.0, description="[MB] of all segments")] = 64.0
+
+    _empty = field_validator("folder", mode="before")(lambda given: given or None)
+
+
 class Service(Settings):
     """The service file: what runs, beside the vehicle."""
 
+    vehicle: Annotated[Path | None, Field(description="vehicle file, relative to this file")] = None
+    battery: Annotated[Path | None, Field(description="battery file, likewise; the vehicle file's if absent")] = None
     link: LinkSettings = LinkSettings()
     estimators: tuple[EstimatorSettings, ...] = (
         EstimatorSettings(model="circ"),
@@ -120,6 +144,8 @@ class Service(Settings):
     )
     prediction: Prediction = Prediction()
     reserves: Reserves = Reserves()
+    checkpoint: CheckpointSettings = CheckpointSettings()
+    recorder: RecorderSettings = RecorderSettings()
 
 
 def read_toml(path: Path) -> dict[str, Any]:

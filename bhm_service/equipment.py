@@ -17,13 +17,29 @@ def read_service(path: Path | None) -> Service:
     return Service() if path is None else checked(Service, read_toml(path), str(path))
 
 
+def configured(config: Path | None, vehicle: Path | None, battery: Path | None) -> tuple[Equipment, Service]:
+    """What the service file says, with the vehicle and battery of the command line before its own."""
+    settings = read_service(config)
+    folder = Path() if config is None else config.parent
+    if vehicle is None:
+        if settings.vehicle is None:
+            where = "bhm run" if config is None else str(config)
+            raise BadInputError(
+                where, "which vehicle? none is given", "vehicle = FILE in the service file, or --vehicle"
+            )
+        vehicle = folder / settings.vehicle
+        battery = battery or (None if settings.battery is None else folder / settings.battery)
+    return equipment_of(vehicle, battery), settings
+
+
 def equipment_of(vehicle: Path, battery: Path | None, battery_id: int | None = None) -> Equipment:
     """What a vehicle file says, with another battery or battery id if given."""
     said = read_vehicle(vehicle)
     file = vehicle.parent / said.battery.file if battery is None else battery
     if battery is None and not file.is_file():
         raise BadInputError(str(vehicle), f"battery.file = {said.battery.file!r}: no such file")
-    return Equipment(vehicle=_with_id(said, battery_id), battery=read_battery(file))
+    known = read_battery(file)
+    return Equipment(vehicle=_with_id(said, battery_id), battery=known, battery_text=file.read_text(encoding="utf-8"))
 
 
 def guessed_equipment(log: Log, battery: Path | None, battery_id: int | None) -> tuple[Equipment, list[str]]:

@@ -75,6 +75,7 @@ class Supervised:
     def restore(self, state: Any) -> None:
         """Go on from what `read` gave."""
         if state is not None and isinstance(self._app, Remembering):
+            self._memory = copy.deepcopy(state)
             self._app.restore(state)
 
     def _fault(self, message: Message, why: Exception) -> list[Message]:
@@ -87,7 +88,7 @@ class Supervised:
             return self._stay_down(now, f"failed twice within a minute and stays down: {what}")
         try:
             self._app = self._make()
-            self.restore(copy.deepcopy(self._memory))
+            self.restore(self._memory)
         except Exception as worse:
             return self._stay_down(now, f"failed and cannot be started again: {what}; then {_place(worse)}")
         return [self._event(now, EventCode.APP_RESTARTED, Severity.WARNING, f"failed and was started again: {what}")]

@@ -1,125 +1,119 @@
-"""The live loop: bytes from the link to the bus, what the bus says back to the link, once a second a tick."""
+"""The live loop: messages from the links to the apps, what they say back to the links, once a second a tick."""
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
-from bhm_service.assembly import assemble
-from bhm_service.equipment import equipment_of, read_service
+from bhm_service.apps.recorder import RecorderApp
+from bhm_service.assembly import Equipment, assemble
+from bhm_service.bus import App
+from bhm_service.checkpoint import CheckpointFile, host_boot, state_folder
+from bhm_service.config import Service
+from bhm_service.equipment import configured
+from bhm_service.flight_recorder import Segments
 from bhm_service.mavlink.links import Links
 from bhm_service.mavlink.signing import read_key
-from bhm_service.messages import (
-    BatterySample,
-    Event,
-    FlightPhase,
-    LinkState,
-    Message,
-    NamedValue,
-    RemainingTime,
-    StateEstimate,
-    StatusText,
-    Tick,
-)
-from bhm_service.reporting.words import duration, number
+from bhm_service.messages import Message, NamedValue, StatusText
+from bhm_service.reporting.screen import Screen
+from bhm_service.resumption import Run
+from bhm_service.session import Memory, Recording, Session
+from bhm_service.watchdog import Notifier
 
 _TICK_S = 1.0
 
 
 class Wire:
-    """The sink that tells the ground."""
+    """The sink that tells the ground; ``note`` is told each time with whose frames they were and their first number."""
 
     name = "wire"
     hears = (NamedValue, StatusText)
     says: tuple[type, ...] = ()
 
-    def __init__(self, links: Links) -> None:
-        self._links = links
+    def __init__(self, links: Links, note: Callable[[str, Any], None]) -> None:
+        self._links, self._note = links, note
 
     def on_message(self, message: Message) -> Sequence[Message]:
+        encoder = self._links.encoder
         if self._links.vehicle is None:
+            self._note("sent", None)
             return []
-        if isinstance(message, NamedValue):
-            self._links.send(self._links.encoder.named_value(message))
-        elif isinstance(message, StatusText):
-            for frame in self._links.encoder.status_text(message):
-                self._links.send(frame)
+        self._note("sent", [encoder.system, encoder.component, encoder.sequence])
+        for frame in encoder.frames(message):
+            self._links.send(frame)
         return []
 
 
-class Screen:
-    """The sink that prints a line a second."""
-
-    name = "screen"
-    hears = (BatterySample, FlightPhase, StateEstimate, RemainingTime, StatusText, Event, LinkState)
-    says: tuple[type, ...] = ()
-
-    def __init__(self, write: Callable[[str], object]) -> None:
-        self._write = write
-        self._sample: BatterySample | None = None
-        self._airborne = False
-        self._soc: dict[str, StateEstimate] = {}
-
-    def on_message(self, message: Message) -> Sequence[Message]:
-        if isinstance(message, BatterySample):
-            self._sample = message
-        elif isinstance(message, FlightPhase):
-            self._airborne = message.airborne
-        elif isinstance(message, StateEstimate):
-            self._soc[message.model.value] = message
-        elif isinstance(message, LinkState):
-            because = f": {message.because}" if message.because else ""
-            self._write(f"         {message.url} {message.status.value}{because}\n")
-        elif isinstance(message, StatusText | Event):
-            self._write(f"         {message.text}\n")
-        elif isinstance(message, RemainingTime):
-            self._write(self._line(message) + "\n")
-        return []
-
-    def _line(self, r: RemainingTime) -> str:
-        remaining = "RFT     -"
-        if r.median_s is not None:
-            remaining = f"RFT {duration(r.median_s):>5} ({duration(r.low_s)} to {duration(r.high_s)})"
-        models = "  ".join(
-            f"{name} {100 * e.soc:.0f} % +-{164.5 * e.soc_sd:.0f}" for name, e in self._soc.items() if e.valid
-        )
-        sample = self._sample
-        measured = "no battery data"
-        if sample is not None:
-            measured = f"{number(sample.voltage_v, 2)} V {number(sample.current_a, 1)} A"
-        where = "flying" if self._airborne else "ground"
-        health = ("good", "degraded", "no estimate")[r.health] + (f": {r.because}" if r.because else "")
-        return f"{remaining:<30} SoC {models or '-':<32} {measured:<16} {where}  {health}"
-
-
-def run_service(urls: Sequence[str], vehicle: Path, battery: Path | None, service: Path | None) -> int:
-    """Run until SIGINT or SIGTERM; returns the exit status. ``urls`` stand in for those of the service file."""
-    equipment = equipment_of(vehicle, battery)
-    settings = read_service(service)
+def run_service(urls: Sequence[str], config: Path | None, vehicle: Path | None, battery: Path | None) -> int:
+    """Run until SIGINT or SIGTERM; returns the exit status. What is given stands in for the service file's own."""
+    equipment, settings = configured(config, vehicle, battery)
     link = settings.link
     key = None if link.signing_key is None else read_key(link.signing_key)
     links = Links(urls or link.urls, link.system, link.component, key)
-    bus = assemble(equipment, settings, sinks=[Wire(links), Screen(sys.stdout.write)], stopwatch=time.perf_counter)
-    stop = _Stop()
+    screen = Screen(sys.stdout.write, every_second="JOURNAL_STREAM" not in os.environ)
     where = ", ".join(urls or link.urls)
     sys.stdout.write(f"{equipment.vehicle.name}, battery {equipment.battery.name}; listening on {where}, Ctrl-C ends\n")
+    stop, notifier = _Stop(), Notifier()
+    session = _session(equipment, settings, links, screen, None if config is None else state_folder(os.environ))
+    notifier.ready()
+    sys.stdout.flush()
     due = time.monotonic() + _TICK_S
     while not stop.asked:
         for _, message in links.poll(max(due - time.monotonic(), 0.0)):
-            bus.publish(message)
+            session.take(message)
         now = time.monotonic()
         if now < due:
             continue
         due = max(due + _TICK_S, now)
-        bus.publish(Tick(time_s=now))
+        session.tick(now)
+        notifier.progress(screen.line)
         sys.stdout.flush()
+    notifier.stopping()
+    session.close(time.monotonic())
     links.close()
+    notifier.close()
     sys.stdout.write("stopped\n")
     return 0
+
+
+def _session(equipment: Equipment, settings: Service, links: Links, screen: Screen, folder: Path | None) -> Session:
+    """The apps with what they keep under ``folder``; without one nothing is kept."""
+    memory = recording = segments = None
+    recorder, checkpoint = settings.recorder, settings.checkpoint
+    sinks: list[App] = [Wire(links, lambda kind, data: None), screen]
+    if folder is not None and recorder.folder is not None:
+        segments = Segments(folder / recorder.folder, round(recorder.size_mb * 1e6))
+        recording = Recording(segments, _head(equipment, settings))
+        sinks = [Wire(links, segments.add), screen, RecorderApp(segments.add)]
+    if folder is not None and checkpoint.file is not None:
+        run = Run(
+            version=version("bhm-service"),
+            belongs_to=equipment.fingerprint(settings),
+            host_boot=host_boot(),
+            battery_id=equipment.vehicle.battery.id,
+            max_age_s=checkpoint.max_age_s,
+        )
+        memory = Memory(run, CheckpointFile(folder / checkpoint.file))
+    bus = assemble(equipment, settings, sinks, stopwatch=time.perf_counter)
+    return Session(bus, memory, recording, time.monotonic())
+
+
+def _head(equipment: Equipment, settings: Service) -> dict[str, Any]:
+    """All that a replay of the recording needs."""
+    return {
+        "version": version("bhm-service"),
+        "unix_s": time.time(),
+        "vehicle": equipment.vehicle.model_dump(mode="json"),
+        "battery": equipment.battery_text,
+        "service": settings.model_dump(mode="json"),
+    }
 
 
 class _Stop:

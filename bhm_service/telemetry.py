@@ -212,6 +212,10 @@ class PackWatch:
             return self._sample(message, airborne)
         return None
 
+    def interrupt(self, because: str) -> None:
+        """Something happened since the last sample: the next one is looked at closely."""
+        self._interrupted = self._interrupted or because
+
     def _sample(self, now: BatterySample, airborne: bool) -> PackChange | None:
         if now.voltage_v is None or now.current_a is None:
             return None

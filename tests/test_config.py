@@ -3,7 +3,7 @@ import pytest
 from bhm_service.assembly import Equipment
 from bhm_service.battery.battery_file import read_battery
 from bhm_service.config import Service, read_vehicle, shipped
-from bhm_service.equipment import equipment_of, read_service
+from bhm_service.equipment import configured, equipment_of, read_service
 from bhm_service.errors import BadInputError
 from bhm_service.messages import Model
 
@@ -20,7 +20,41 @@ def test_every_vehicle_that_ships_is_complete(path):
 
 
 def test_the_service_file_that_ships_says_the_defaults():
-    assert read_service(shipped("service.toml")) == Service()
+    said = read_service(shipped("service.toml"))
+    assert said == Service(vehicle=said.vehicle)
+
+
+def test_the_service_file_that_ships_names_a_vehicle_that_ships():
+    equipment, _ = configured(shipped("service.toml"), None, None)
+    assert equipment.vehicle.name == "Generic 4S quadrotor"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", ["which vehicle?", "--vehicle"]),
+        ("[reserves]\ncritical_s = 200.0\n", ["reserves", "critical_s must not be more than warning_s"]),
+        ("[reserves]\nwarnings_s = 200.0\n", ["unknown key 'reserves.warnings_s'", "did you mean 'warning_s'"]),
+        ("[checkpoint]\nmax_age_s = 9000\n", ["checkpoint.max_age_s = 9000", "less than or equal to 600"]),
+        ("[recorder]\nsize_mb = 0\n", ["recorder.size_mb = 0"]),
+        ("[link]\nurls = []\n", ["link.urls"]),
+    ],
+)
+def test_a_wrong_entry_of_the_service_file_is_named(tmp_path, text, said):
+    path = tmp_path / "service.toml"
+    path.write_text(text)
+    with pytest.raises(BadInputError) as why:
+        configured(path, None, None)
+    for part in [str(path), *said]:
+        assert part in str(why.value)
+
+
+def test_an_empty_name_turns_checkpoint_and_recorder_off(tmp_path):
+    path = tmp_path / "service.toml"
+    path.write_text('[checkpoint]\nfile = ""\n[recorder]\nfolder = ""\n')
+    settings = read_service(path)
+    assert settings.checkpoint.file is None
+    assert settings.recorder.folder is None
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from bhm_service.mavlink.dialect import ENUM
-from bhm_service.messages import BatteryStatus, Heartbeat, NamedValue, StatusText
+from bhm_service.messages import BatteryStatus, Heartbeat, Message, NamedValue, StatusText
 from bhm_service.units import celsius
 
 COMPONENT = ENUM.MAV_COMP_ID_ONBOARD_COMPUTER
@@ -21,13 +21,28 @@ class FrameEncoder:
     """Frames from one system and component, numbered in sequence."""
 
     def __init__(self, system: int, component: int = COMPONENT) -> None:
-        self.system = system
+        self.system, self.component = system, component
         self._mavlink: Any = ENUM.MAVLink(None, srcSystem=system, srcComponent=component)
+
+    @property
+    def sequence(self) -> int:
+        """Number of the next frame, 0 to 255."""
+        return int(self._mavlink.seq)
+
+    @sequence.setter
+    def sequence(self, number: int) -> None:
+        self._mavlink.seq = number % 256
 
     def _pack(self, message: Any) -> bytes:
         frame = bytes(message.pack(self._mavlink))
         self._mavlink.seq = (self._mavlink.seq + 1) % 256
         return frame
+
+    def frames(self, message: Message) -> list[bytes]:
+        """Frames of what the apps say to the ground; none for what they say to each other."""
+        if isinstance(message, NamedValue):
+            return [self.named_value(message)]
+        return self.status_text(message) if isinstance(message, StatusText) else []
 
     def named_value(self, value: NamedValue) -> bytes:
         """NAMED_VALUE_FLOAT. Raises ValueError for a name or a number that the wire cannot carry."""
