@@ -15,7 +15,7 @@ _VEHICLE = Path(__file__).parent.parent / "config" / "vehicles" / "quad-4s.toml"
 def main() -> int:
     """Start both, end both; the exit status is the service's."""
     service = [sys.executable, "-m", "bhm_service.cli", "run", "--link", f"udpin:{_LINK}", "--vehicle", str(_VEHICLE)]
-    vehicle = [sys.executable, "-m", "sim.vehicle", f"udpout:{_LINK}"]
+    vehicle = [sys.executable, "-m", "bhm_service.cli", "sim", "--quiet", "--link", f"udpout:{_LINK}"]
     with subprocess.Popen(service) as listening, subprocess.Popen(vehicle) as flying:
         try:
             while listening.poll() is None and flying.poll() is None:

@@ -168,10 +168,9 @@ class Links:
         while True:
             now = self._clock()
             self._upkeep(now)
-            if self._said or now > until:
-                break
             wakes = [until, self._beat_s, *(link.retry_at_s for link in self._links if not link.is_open)]
-            told = wait_for([link.transport for link in self._links if link.is_open], min(wakes) - now)
+            wait_s = 0.0 if self._said else min(wakes) - now
+            told = wait_for([link.transport for link in self._links if link.is_open], wait_s)
             now = self._clock()
             for link in self._links:
                 if link.transport in told:

@@ -10,7 +10,8 @@ from bhm_service.mavlink.encode import FrameEncoder
 from bhm_service.messages import AutopilotKind
 
 RATE_HZ = 1.0
-_WINDOW_S = 5.0
+_SILENT_S = 5.0  # nothing at all for so long: the request was lost, or its effect
+_WINDOW_S = 10.0  # over which a rate is judged
 _ENOUGH = 0.5  # of the rate that was asked for: loss on the way is no reason to ask again
 _PATIENCE_S = 60.0  # longest time between two requests for what never comes
 
@@ -42,7 +43,7 @@ class _Watch:
     heard: int = 0
     since_s: float = 0.0  # of the window that is counted, or of the last request
     asked: int = 0  # in vain
-    wait_s: float = _WINDOW_S
+    wait_s: float = 0.0
 
 
 @dataclass(slots=True)
@@ -54,7 +55,7 @@ class Subscription:
 
     def start(self, kind: AutopilotKind, now_s: float) -> None:
         """An autopilot appeared or booted: everything is asked for at the next `due`."""
-        self._watches = {wanted: _Watch(since_s=now_s, wait_s=0.0) for wanted in wanted_of(kind)}
+        self._watches = {wanted: _Watch(since_s=now_s) for wanted in wanted_of(kind)}
 
     def heard(self, message_id: int) -> None:
         """One of the messages came."""
@@ -67,14 +68,15 @@ class Subscription:
         late: list[int] = []
         for message_id, watch in self._watches.items():
             span = now_s - watch.since_s
-            if span < watch.wait_s:
+            asked_before = watch.wait_s > 0.0
+            if asked_before and (span < watch.wait_s or (watch.heard > 0 and span < _WINDOW_S)):
                 continue
-            if watch.wait_s > 0.0 and watch.heard >= _ENOUGH * RATE_HZ * span:
-                watch.asked, watch.wait_s = 0, _WINDOW_S
+            if asked_before and watch.heard > 0 and watch.heard >= _ENOUGH * RATE_HZ * span:
+                watch.asked, watch.wait_s = 0, _SILENT_S
             else:
                 late.append(message_id)
                 watch.asked += 1
-                watch.wait_s = min(_WINDOW_S * 2.0 ** (watch.asked - 1), _PATIENCE_S)
+                watch.wait_s = min(_SILENT_S * 2.0 ** (watch.asked - 1), _PATIENCE_S)
             watch.heard, watch.since_s = 0, now_s
         return late
 

@@ -169,7 +169,7 @@ class UdpTransport(Transport):
         self._peers.clear()
 
 
-class _Stream(Transport):
+class StreamTransport(Transport):
     """A stream of bytes through one file descriptor; what it does not take at once waits, up to a limit."""
 
     def __init__(self, url: LinkUrl) -> None:
@@ -235,7 +235,7 @@ class _Stream(Transport):
         self._broken = ""
 
 
-class SerialTransport(_Stream):
+class SerialTransport(StreamTransport):
     """A serial port. An adapter that is pulled out is gone; it opens again when it is back."""
 
     def __init__(self, url: LinkUrl) -> None:
@@ -268,7 +268,7 @@ class SerialTransport(_Stream):
                 port.close()
 
 
-class TcpTransport(_Stream):
+class TcpTransport(StreamTransport):
     """A TCP connection that we make."""
 
     def __init__(self, url: LinkUrl, clock: Callable[[], float] = time.monotonic) -> None:
@@ -324,7 +324,7 @@ class TcpTransport(_Stream):
         self._socket, self._connected = None, False
 
 
-class TcpServerTransport(_Stream):
+class TcpServerTransport(StreamTransport):
     """A TCP port on which one peer at a time is served; a new one replaces the old, which may be dead."""
 
     def __init__(self, url: LinkUrl) -> None:

@@ -1,0 +1,264 @@
+"""The whole byte path in simulated time over a real socket, while everything goes wrong that can."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import socket
+from dataclasses import fields
+
+import pytest
+from mavlink.wire import free_port, statuses
+
+from bhm_service.mavlink.dialect import mavlink
+from bhm_service.mavlink.encode import FrameEncoder
+from bhm_service.mavlink.links import Links
+from bhm_service.mavlink.transport import LinkUrl, transport_of
+from bhm_service.messages import AutopilotClock, BatteryStatus, Heartbeat, LinkStatus, NamedValue
+from sim.command import Options, vehicle_of
+
+BATTERY = mavlink.MAVLINK_MSG_ID_BATTERY_STATUS
+
+
+class World:
+    """A simulated vehicle and our links, one after the other in simulated time."""
+
+    def __init__(self, **options):
+        self.port = free_port(socket.SOCK_DGRAM)
+        self.vehicle = vehicle_of(
+            Options(charge=0.9, flight=1200.0, **options),
+            [transport_of(LinkUrl.parse(f"udpout:127.0.0.1:{self.port}"))],
+        )
+        self.clock_s = 0.0
+        self.links = Links([f"udpin:127.0.0.1:{self.port}"], clock=lambda: self.clock_s)
+        self.said = []
+
+    def run(self, seconds, others=()):
+        """Messages of that time."""
+        said = []
+        for _ in range(round(seconds * 10)):
+            assert self.vehicle.step()
+            for other in others:
+                other()
+            self.clock_s = self.vehicle.time_s
+            while found := self.links.poll(0.0):
+                said += [message for _, message in found]
+        self.said += said
+        return said
+
+    def send(self, data):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+            out.sendto(data, ("127.0.0.1", self.port))
+
+    def close(self):
+        self.vehicle.close()
+        self.links.close()
+
+
+@pytest.fixture
+def world():
+    made = []
+
+    def make(**options):
+        made.append(World(**options))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.close()
+        for message in one.said:
+            for field in fields(message):
+                value = getattr(message, field.name)
+                assert not (isinstance(value, float) and not math.isfinite(value)), message
+
+
+def of(said, kind, **wanted):
+    return [m for m in said if isinstance(m, kind) and all(getattr(m, k) == v for k, v in wanted.items())]
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_everything_that_was_asked_for_comes_once_a_second(world, autopilot):
+    one = world(autopilot=autopilot)
+    one.run(5.0)
+    said = one.run(20.0)
+    assert 19 <= len(of(said, BatteryStatus)) <= 21
+    assert 19 <= len(of(said, Heartbeat)) <= 21
+    (report,) = one.links.reports
+    assert report.bad_checksums == report.stray_bytes == report.duplicates == 0
+    wanted, refused = 8, 0
+    assert report.requests == wanted + refused
+
+
+def test_two_batteries_are_told_apart_although_they_share_a_slot(world):
+    one = world(batteries=2)
+    one.run(5.0)
+    said = one.run(20.0)
+    assert [len(of(said, BatteryStatus, battery_id=n)) for n in (0, 1)] == [10, 10]
+
+
+def test_rates_that_another_program_took_away_are_asked_for_again(world):
+    one = world()
+    one.run(10.0)
+    ground = FrameEncoder(255, 190)
+    one.vehicle.firmware.take(
+        one.vehicle.firmware.channels[0], *frames(ground.request_stream(1, 1, mavlink.MAV_DATA_STREAM_ALL, 0)), 10.0
+    )
+    assert not of(one.run(3.0)[10:], BatteryStatus)
+    one.run(10.0)
+    assert len(of(one.run(10.0), BatteryStatus)) == 10
+
+
+def frames(data):
+    from bhm_service.mavlink.frames import FrameSplitter
+
+    return FrameSplitter().feed(data)
+
+
+def test_after_a_reboot_rates_are_asked_for_at_once_and_its_clock_starts_anew(world):
+    one = world(reboot=(30.0,))
+    before = one.run(29.5)
+    after = one.run(8.0)
+    assert max(m.boot_s for m in of(before, AutopilotClock)) > 25.0
+    assert min(m.boot_s for m in of(after, AutopilotClock)) < 5.0
+    assert len(of(one.run(10.0), BatteryStatus)) >= 9
+    assert one.links.vehicle == (1, 1)
+
+
+def test_a_message_that_never_comes_is_asked_for_ever_more_rarely(world):
+    one = world()
+    one.vehicle.firmware.wind_id = -1  # knows no wind
+    one.run(300.0)
+    (report,) = one.links.reports
+    assert 8 <= report.requests - 7 <= 12
+
+
+def test_a_flood_is_read_as_it_comes(world):
+    one = world()
+    one.run(5.0)
+    one.vehicle.firmware.hurry = 50.0
+    said = one.run(20.0)
+    assert 990 <= len(of(said, BatteryStatus)) <= 1010
+    (report,) = one.links.reports
+    assert report.requests == 8
+
+
+def test_a_third_of_the_frames_lost_is_no_reason_to_ask_again_and_again(world):
+    one = world(loss=0.3)
+    one.run(10.0)
+    said = one.run(200.0)
+    assert 110 <= len(of(said, BatteryStatus)) <= 170
+    assert not statuses(said, LinkStatus.DOWN)
+    (report,) = one.links.reports
+    assert report.requests < 30
+
+
+def test_doubled_and_overtaking_frames_change_nothing_but_a_count(world):
+    one = world(double=0.5, overtake=0.2)
+    one.run(10.0)
+    said = one.run(60.0)
+    assert 57 <= len(of(said, BatteryStatus)) <= 62
+    (report,) = one.links.reports
+    assert report.duplicates > 50
+    clocks = [m.boot_s for m in of(said, AutopilotClock)]
+    assert max(abs(b - a) for a, b in itertools.pairwise(clocks)) < 3.0
+    assert report.requests == 8
+
+
+def test_garbage_between_and_inside_frames_costs_those_frames_only(world):
+    one = world(garbage=0.3)
+    one.run(10.0)
+    said = one.run(100.0)
+    assert 75 <= len(of(said, BatteryStatus)) <= 100
+    (report,) = one.links.reports
+    assert report.stray_bytes > 200
+    assert report.bad_checksums > 50
+    for message in of(said, BatteryStatus):
+        assert 12.0 < message.voltage_v < 17.0
+        assert message.battery_id == 0
+
+
+def test_a_silence_is_told_and_its_end_too(world):
+    one = world(silence=("20:15",))
+    said = one.run(60.0)
+    assert [m.status for m in of(said, type(statuses(said, LinkStatus.OPEN)[0]))] == [
+        LinkStatus.OPEN,
+        LinkStatus.ALIVE,
+        LinkStatus.OPEN,
+        LinkStatus.ALIVE,
+    ]
+    assert 24.0 < statuses(said, LinkStatus.OPEN)[1].time_s < 27.0
+    assert 34.9 < statuses(said, LinkStatus.ALIVE)[1].time_s < 37.0
+
+
+def test_other_vehicles_our_own_echo_and_px4s_echo_change_nothing(world):
+    one = world(autopilot="px4")
+    one.run(5.0)
+    ours, stranger = FrameEncoder(1), FrameEncoder(77, 1)
+    value = NamedValue(time_s=0.0, boot_ms=1, name="BHM_RFT", value=1.0)
+
+    def chatter():
+        one.send(ours.companion_heartbeat() + ours.named_value(value))
+        one.send(stranger.autopilot_heartbeat(Heartbeat(time_s=0, system=77, component=1, kind=None, armed=True)))
+        empty = BatteryStatus(
+            time_s=0.0, battery_id=0, voltage_v=9.9, cells_v=None, current_a=99.0,
+            temperature_k=None, consumed_c=None, remaining=0.0,
+        )  # fmt: skip
+        one.send(stranger.battery_status(empty))
+        one.links.send(one.links.encoder.named_value(value))
+
+    said = one.run(20.0, others=[chatter])
+    assert one.links.vehicle == (1, 1)
+    assert {m.system for m in of(said, Heartbeat)} == {1}
+    assert min(m.voltage_v for m in of(said, BatteryStatus)) > 12.0
+    assert not [m for m in of(said, Heartbeat) if m.armed and m.time_s < 5.0]
+
+
+def test_the_vehicle_that_was_configured_is_followed_though_another_speaks_first():
+    port = free_port(socket.SOCK_DGRAM)
+    links = Links([f"udpin:127.0.0.1:{port}"], system=5)
+    vehicles = [
+        vehicle_of(Options(system=n), [transport_of(LinkUrl.parse(f"udpout:127.0.0.1:{port}"))]) for n in (4, 5)
+    ]
+    try:
+        for vehicle in vehicles:
+            for _ in range(20):
+                vehicle.step()
+                links.poll(0.0)
+        assert links.vehicle == (5, 1)
+        assert links.encoder.system == 5
+    finally:
+        links.close()
+        for vehicle in vehicles:
+            vehicle.close()
+
+
+def test_with_two_links_each_message_counts_once_and_the_other_takes_over():
+    ports = [free_port(socket.SOCK_DGRAM) for _ in range(2)]
+    clock = [0.0]
+    links = Links([f"udpin:127.0.0.1:{port}" for port in ports], clock=lambda: clock[0])
+    transports = [transport_of(LinkUrl.parse(f"udpout:127.0.0.1:{port}")) for port in ports]
+    vehicle = vehicle_of(Options(flight=300.0), transports)
+
+    def run(seconds):
+        said = []
+        for _ in range(seconds * 10):
+            vehicle.step()
+            clock[0] = vehicle.time_s
+            while found := links.poll(0.0):
+                said += found
+        return said
+
+    try:
+        run(5)
+        both = run(20)
+        assert 19 <= len([m for _, m in both if isinstance(m, BatteryStatus)]) <= 21
+        bearer = {n for n, m in both if isinstance(m, BatteryStatus)}
+        assert len(bearer) == 1
+        vehicle.cut(*bearer)
+        run(6)
+        after = run(20)
+        assert 19 <= len([m for _, m in after if isinstance(m, BatteryStatus)]) <= 21
+        assert {n for n, m in after if isinstance(m, BatteryStatus)} == {0, 1} - bearer
+    finally:
+        links.close()
+        vehicle.close()
