@@ -21,6 +21,7 @@ from sim.proof.scoring.names import EFFECTS
 _ROOT = Path(__file__).resolve().parents[2]
 _LONGEST_S = 600.0
 _THREADS = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+_REFUSED = 2  # exit status of bad input, with its sentence
 _TOLD = 300  # characters of what a failed program said
 
 
@@ -127,7 +128,7 @@ def _collected(case: Case, out: Path, ran: Ran) -> dict[str, Any]:
     found: dict[str, Any] = {"case": case.name, "seconds": round(ran.seconds, 3), "peak_mib": round(ran.peak_mib, 1)}
     path = out / "findings.json"
     if not path.is_file():
-        return {**found, "failure": _why(ran)}
+        return {**found, "failure": _why(ran), "refused": ran.status == _REFUSED}
     try:
         findings = json.loads(path.read_text())
         return {**found, "findings": findings, "inferred": inferred_series(findings, out)}

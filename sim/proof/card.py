@@ -14,7 +14,7 @@ from plotly.offline import get_plotlyjs
 from sim.proof.figures import figures
 from sim.proof.run import Proof
 from sim.proof.scoring.names import INDISTINGUISHABLE
-from sim.proof.words import ABOUT, HEADER, circumstances, line, outcome, shown
+from sim.proof.words import ABOUT, HEADER, circumstances, line, measure, outcome, shown
 
 
 def write_card(folder: Path, proof: Proof) -> list[Path]:
@@ -63,7 +63,11 @@ def _page(proof: Proof) -> str:
             "never_shown": score.never_shown,
             "twins": sorted({j.label for j in score.judgements if " | " in j.label}),
             "figures": figures(score, proof.answers[score.suite], inferred),
-            "criteria": [(j.group or j.case, *_criterion(asked)) for j in score.judgements for asked in j.criteria],
+            "criteria": [
+                (j.group or j.case, *_criterion(asked))
+                for j in sorted(score.judgements, key=lambda j: j.group)
+                for asked in j.criteria
+            ],
             "cases": [_case(judged) for judged in score.judgements],
         }
         for score in proof.scores
@@ -81,8 +85,8 @@ def _page(proof: Proof) -> str:
 
 
 def _criterion(asked: tuple[str, str, float | None, bool]) -> tuple[str, str, str, str]:
-    measure, bound, found, met = asked
-    return measure, "not computed" if found is None else f"{found:.3g}", bound, "met" if met else "MISSED"
+    name, bound, found, met = asked
+    return measure(name), "not computed" if found is None else f"{found:.3g}", bound, "met" if met else "MISSED"
 
 
 def _case(judged: Any) -> tuple[str, ...]:

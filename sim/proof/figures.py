@@ -81,6 +81,7 @@ def sensitivity(score: SuiteScore) -> Figure | None:
             "array": [100.0 * (row.interval[1] - row.value) for row in rows if row.interval],
             "arrayminus": [100.0 * (row.value - row.interval[0]) for row in rows if row.interval],
         },
+        width=0.5,
         name="found, with its 95 % interval",
         showlegend=True,
     )

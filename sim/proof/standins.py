@@ -70,10 +70,16 @@ def _oracle(answer: Answer, out: Path) -> dict[str, Any]:
 
 
 def _parameters(answer: Answer, effect: str, dice: random.Random) -> dict[str, Any]:
-    found = {}
+    found: dict[str, Any] = {}
+    for asked in answer.criteria:
+        if asked.measure.startswith(f"parameter.{effect}.") and None not in (asked.at_least, asked.at_most):
+            middle = (float(asked.at_least or 0.0) + float(asked.at_most or 0.0)) / 2.0
+            found[asked.measure.rpartition(".")[2]] = {"value": middle, "sd": _SD * middle, "unit": ""}
+    bounded = frozenset(found)
     for name, q in answer.parameters.get(effect, {}).items():
         sd = _SD * abs(q.value)
-        found[name] = {"value": dice.gauss(q.value, sd), "sd": sd, "unit": q.unit}
+        value = found[name]["value"] if name in bounded else dice.gauss(q.value, sd)
+        found[name] = {"value": value, "sd": sd, "unit": q.unit}
     return found
 
 

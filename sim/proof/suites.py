@@ -11,6 +11,8 @@ import numpy as np
 
 from bhm_service.errors import BadInputError
 from sim.proof.cases import Batch
+from sim.proof.real.suite import CASES as REAL_CASES
+from sim.proof.real.suite import real_cases
 from sim.proof.shared_cases import shared_cases
 
 SHARED = Path(__file__).resolve().parents[3] / "shared"
@@ -35,7 +37,20 @@ def _shared(seed: int, cases: int) -> list[Batch]:
     return list(shared_cases(folder, order.tolist()[:cases]))
 
 
-SUITES = {s.name: s for s in (Suite("shared", "the eight open cases", 8, _shared),)}
+def _real(seed: int, cases: int) -> list[Batch]:
+    if not (SHARED / "data").is_dir():
+        raise BadInputError("--suite real", f"the real recordings are not here: {SHARED / 'data'}")
+    batches = real_cases(SHARED / "data", seed)
+    return [batches[k] for k in np.random.default_rng(seed).permutation(len(batches))[:cases]]
+
+
+SUITES = {
+    s.name: s
+    for s in (
+        Suite("shared", "the eight open cases", 8, _shared),
+        Suite("real", "real recordings with a channel withheld", REAL_CASES, _real),
+    )
+}
 
 
 def exam_seed(entropy: int) -> int:

@@ -49,6 +49,28 @@ def outcome(scores: Sequence[SuiteScore]) -> str:
     )
 
 
+_MEASURES = {
+    "heldout_ratio": "held-out RMSE after over before",
+    "accepted": "answered right (1)",
+    "rmse": "RMSE",
+    "r": "correlation of the changes",
+    "bias": "bias",
+    "rise_error": "error of the largest rise",
+}
+
+
+def measure(name: str) -> str:
+    """A measure's name as people read it."""
+    kind, _, what = name.partition(".")
+    if kind == "hidden":
+        quantity, _, how = what.rpartition(".")
+        words, _, unit = quantity.rpartition("_")
+        return f"inferred {words}: {_MEASURES[how]}" + ("" if how == "r" else f" [{unit}]")
+    if kind in ("named", "listed"):
+        return f"{what.replace('|', ' or ')} {kind} (1) or not (0)"
+    return what.replace(".", ": ") if kind == "parameter" else _MEASURES.get(name, name)
+
+
 def circumstances(about: Mapping[str, Any]) -> str:
     """Date, seed, versions and commit."""
     kind = "exam seed, drawn for this run" if about["exam"] else "development seed"

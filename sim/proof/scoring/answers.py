@@ -11,6 +11,7 @@ from sim.proof.scoring.names import NONE, UNKNOWN
 Stratum = Literal["null", "single", "several", "unknown"]
 Series = Mapping[str, tuple[float, ...]]
 Names = frozenset[str]
+_MOST_NAMED = 3  # members of a class that its label names
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +45,9 @@ class Criterion:
 
     def words(self) -> str:
         """The bound as people read it."""
-        return f"at most {self.at_most:g}" if self.at_most is not None else f"at least {self.at_least:g}"
+        if self.at_most is None:
+            return f"at least {self.at_least:.3g}"
+        return f"at most {self.at_most:.3g}" if self.at_least is None else f"{self.at_least:.3g} to {self.at_most:.3g}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,6 +62,9 @@ class Answer:
     hidden : per flight, ``time_s`` since the log's first sample and what was withheld, e.g. ``temperature_K``.
     starts_s : per flight, its log's first time stamp, so that a tool may speak in either clock.
     criteria : what this case must reach, beyond its suite's rates.
+    permitted : true of this world though not concealed; naming them as well is no error, and no claim.
+    held : flights that nobody is shown, with the ``end_s`` at which each would have been empty.
+    may_refuse : to say that the recordings cannot be of one pack is right too.
     """
 
     case: str
@@ -74,6 +80,9 @@ class Answer:
     hidden: Mapping[str, Series] = field(default_factory=dict)
     starts_s: Mapping[str, float] = field(default_factory=dict)
     criteria: tuple[Criterion, ...] = ()
+    permitted: Names = frozenset()
+    held: Mapping[str, float] = field(default_factory=dict)
+    may_refuse: bool = False
     note: str = ""
 
     @property
@@ -87,8 +96,10 @@ class Answer:
 
     @property
     def label(self) -> str:
-        """Its equivalence class in words."""
-        return " | ".join(sorted("+".join(sorted(names)) for names in self.accept))
+        """Its equivalence class in words: the smallest right answers, so that a companion makes no class of its own."""
+        least = [names for names in self.accept if not any(other < names for other in self.accept)]
+        words = sorted("+".join(sorted(names)) for names in least)
+        return " | ".join(words[:_MOST_NAMED]) + (" | ..." if len(words) > _MOST_NAMED else "")
 
 
 def answer_from_json(given: Mapping[str, Any]) -> Answer:
@@ -111,6 +122,9 @@ def answer_from_json(given: Mapping[str, Any]) -> Answer:
         hidden=_series(given.get("hidden", {})),
         starts_s={flight: float(t) for flight, t in given.get("starts_s", {}).items()},
         criteria=tuple(Criterion(**c) for c in given.get("criteria", ())),
+        permitted=frozenset(given.get("permitted", ())),
+        held={flight: float(end_s) for flight, end_s in given.get("held", {}).items()},
+        may_refuse=bool(given.get("may_refuse", False)),
         note=given.get("note", ""),
     )
 
@@ -134,6 +148,9 @@ def answer_to_json(answer: Answer) -> dict[str, Any]:
         "hidden": {flight: {k: list(v) for k, v in of.items()} for flight, of in answer.hidden.items()},
         "starts_s": dict(answer.starts_s),
         "criteria": [{"measure": c.measure, "at_most": c.at_most, "at_least": c.at_least} for c in answer.criteria],
+        "permitted": sorted(answer.permitted),
+        "held": dict(answer.held),
+        "may_refuse": answer.may_refuse,
         "note": answer.note,
     }
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, get_args
 
 from sim.proof.scoring.answers import Moment, Names, Series
@@ -54,6 +54,15 @@ class Findings:
     change_points: tuple[Moment, ...] = ()
     fit: Mapping[str, float] = field(default_factory=dict)
 
+    def without(self, permitted: Names) -> Findings:
+        """The same without names that count neither way; nothing else named is no claim."""
+        left = tuple(effect for effect in self.effects if effect not in permitted)
+        if left == self.effects:
+            return self
+        verdict: Verdict = "none" if not left and self.verdict != UNKNOWN else self.verdict
+        sets = tuple(names - permitted for names in self.alternatives if names - permitted)
+        return replace(self, verdict=verdict, effects=left, alternatives=sets)
+
     @property
     def claims(self) -> bool:
         """Whether it says that physics is missing (a shifted parameter or too little excitation is no such claim)."""
@@ -81,6 +90,7 @@ class Findings:
 class Outcome:
     """What came back for one case; without findings, ``failure`` says why.
 
+    refused : it said in a sentence that the recordings cannot be used (exit status 2).
     oracle_heldout_v : held-out RMSE of the same fitter, told the structure. [V]
     rft_error_s : median RFT error before and after the repair, in the second half of flights nobody showed it. [s]
     """
@@ -88,6 +98,7 @@ class Outcome:
     case: str
     findings: Findings | None
     failure: str = ""
+    refused: bool = False
     inferred: Mapping[str, Series] = field(default_factory=dict)
     seconds: float | None = None
     peak_mib: float | None = None
@@ -137,6 +148,7 @@ def outcome_from_json(given: Mapping[str, Any]) -> Outcome:
         case=given["case"],
         findings=findings,
         failure=failure,
+        refused=bool(given.get("refused", False)),
         inferred={f: {k: tuple(map(float, v)) for k, v in of.items()} for f, of in given.get("inferred", {}).items()},
         seconds=given.get("seconds"),
         peak_mib=given.get("peak_mib"),

@@ -43,7 +43,8 @@ class Judgement:
     """How one case was answered. None: does not apply, or could not be computed (then ``missing`` says why).
 
     measures : single numbers by name: ``heldout_ratio``, ``share_of_oracle``, ``rft_ratio``, ``iou``,
-        ``parameter_error`` (median), ``accepted`` (1 or 0), ``change_points_found`` (share), ``hidden.*``.
+        ``parameter_error`` (median), ``accepted`` (1 or 0), ``change_points_found`` (share), ``hidden.*``;
+        ``named.EFFECT`` and ``listed.EFFECT`` (1 if in the chosen set, or in any set), ``parameter.EFFECT.NAME``.
     """
 
     case: str
@@ -81,11 +82,11 @@ def judge(answer: Answer, outcome: Outcome) -> Judgement:
     """Judge one case."""
     if outcome.findings is None:
         return _failed(answer, outcome)
-    findings = outcome.findings
+    in_class = frozenset().union(*answer.accept)
+    findings = outcome.findings.without(answer.permitted - in_class)
     measures: dict[str, float] = {}
     missing: list[str] = []
     with_effect = answer.stratum in ("single", "several")
-    in_class = frozenset().union(*answer.accept)
     parameters = _parameters(answer, findings, missing) if with_effect else ()
     flagged = (findings.verdict == UNKNOWN or findings.with_rest) if answer.stratum == "unknown" else None
     accepted = findings.chosen in answer.accept or bool(flagged)
@@ -99,6 +100,7 @@ def judge(answer: Answer, outcome: Outcome) -> Judgement:
         measures |= found
         missing += why
     candidates = findings.candidates if findings.claims else ()
+    _asked_for(answer, findings, measures)
     return Judgement(
         case=answer.case,
         kind=answer.kind,
@@ -134,31 +136,48 @@ def judge(answer: Answer, outcome: Outcome) -> Judgement:
     )
 
 
+def _asked_for(answer: Answer, findings: Findings, measures: dict[str, float]) -> None:
+    """Measures of single effects and parameters, where a criterion asks for them."""
+    listed = frozenset().union(*findings.candidates)
+    for name in (c.measure for c in answer.criteria):
+        kind, _, what = name.partition(".")
+        if kind == "named":
+            measures[name] = float(what in findings.chosen)
+        elif kind == "listed":
+            measures[name] = float(any(effect in listed for effect in what.split("|")))
+        elif kind == "parameter":
+            effect, _, parameter = what.partition(".")
+            estimate = findings.parameters.get(effect, {}).get(parameter)
+            if estimate is not None:
+                measures[name] = estimate.value
+
+
 def _failed(answer: Answer, outcome: Outcome) -> Judgement:
     """No findings: nothing is right, and nothing is claimed either."""
     effect = answer.stratum in ("single", "several")
+    right = answer.may_refuse and outcome.refused
     return Judgement(
         case=answer.case,
         kind=answer.kind,
         group=answer.group,
         stratum=answer.stratum,
         label=answer.label,
-        said="failed",
-        verdict="failed",
+        said="refused" if outcome.refused else "failed",
+        verdict="refused" if outcome.refused else "failed",
         snr=answer.snr,
-        accepted=False,
+        accepted=right,
         claims=False,
         exact=False if effect else None,
         all_found=False if effect else None,
         any_found=False if effect else None,
-        flagged=False if answer.stratum == "unknown" else None,
+        flagged=right if answer.stratum == "unknown" else None,
         ambiguous=answer.ambiguous,
         set_holds_truth=False if answer.ambiguous else None,
-        measures={"accepted": 0.0},
-        criteria=tuple((c.measure, c.words(), None, False) for c in answer.criteria),
+        measures={"accepted": float(right)},
+        criteria=tuple((c.measure, c.words(), None, right) for c in answer.criteria),
         seconds=outcome.seconds,
         peak_mib=outcome.peak_mib,
-        failure=outcome.failure or "no findings.json",
+        failure="" if right else outcome.failure or "no findings.json",
     )
 
 
