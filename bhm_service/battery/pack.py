@@ -192,14 +192,15 @@ class PackModel:
         return np.asarray(self._voltage(_columns(states), current, temperature))
 
     def _voltage(self, states: States, current: Value, temperature: Value | None) -> Value:
-        current = self._true(current)
+        current = self.true_current(current)
         emf, resistance = self._source(states, current, temperature)
         total = emf - resistance * current
         for effect, _ in self._sensing:
             total = effect.measured_voltage(total)
         return total
 
-    def _true(self, current: Value) -> Value:
+    def true_current(self, current: Value) -> Value:
+        """Current that flows when ``current`` is read. [A]"""
         for effect, _ in self._current:
             current = effect.true_current(current)
         return current
@@ -229,10 +230,10 @@ class PackModel:
         ``guess`` [A] only serves effects whose voltage or modifiers bend with the current.
         """
         columns = _columns(states)
-        emf, resistance = self._source(columns, self._true(guess), temperature)
+        emf, resistance = self._source(columns, self.true_current(guess), temperature)
         if self._current:  # sensors read straight lines: E and R stay a straight line's
-            idle = self._true(0.0)
-            emf, resistance = emf - resistance * idle, resistance * (self._true(1.0) - idle)
+            idle = self.true_current(0.0)
+            emf, resistance = emf - resistance * idle, resistance * (self.true_current(1.0) - idle)
         for effect, _ in self._sensing:
             offset = effect.measured_voltage(0.0)
             gain = effect.measured_voltage(1.0) - offset

@@ -72,14 +72,15 @@ def end_of_discharge(
     _mark(ended_at, ending, voltage <= limits.cutoff_v, elapsed, _VOLTAGE)
     _mark(ended_at, ending, states[:, 0] <= limits.threshold_soc, elapsed, _SOC)
 
-    capacity_c = pack.capacity_c * pack.modifiers(tuple(states.T), temperature_k).capacity
+    drawn = pack.true_current(current)
+    capacity_c = pack.capacity_c * pack.modifiers(tuple(states.T), temperature_k, drawn).capacity
     if pieces is None:
-        longest_s = float(np.max((states[:, 0] - limits.threshold_soc) * capacity_c / current))
+        longest_s = float(np.max((states[:, 0] - limits.threshold_soc) * capacity_c / drawn))
         pieces = int(min(max(longest_s / _PIECE_S, _FEWEST), _MOST))
     slope = np.zeros(count)  # [A/s] of the current over the last step
     crossing: _Crossing | None = None
     for k in range(len(_FIRST_STEPS_S) + pieces):
-        left = np.maximum(states[:, 0] - limits.threshold_soc, 0.0) * capacity_c / current
+        left = np.maximum(states[:, 0] - limits.threshold_soc, 0.0) * capacity_c / pack.true_current(current)
         if k < len(_FIRST_STEPS_S):
             dt = np.minimum(_FIRST_STEPS_S[k], left / pieces)
         else:
@@ -105,7 +106,7 @@ def end_of_discharge(
         states, current, voltage, elapsed = moved, now, falls_to, elapsed + dt
 
     # What the last step left of the charge, or overshot, at the current it ended with.
-    elapsed = elapsed + (states[:, 0] - limits.threshold_soc) * capacity_c / current
+    elapsed = elapsed + (states[:, 0] - limits.threshold_soc) * capacity_c / pack.true_current(current)
     if crossing is not None:
         refined = crossing.refined(pack, power, limits.cutoff_v, temperature_k)
         ended_at = np.where(crossing.known & (ending == _VOLTAGE), refined, ended_at)

@@ -1,0 +1,247 @@
+"""Each effect against a closed form, or against something that does not know of effects."""
+
+import numpy as np
+import pytest
+from battery.cells import CAPACITY_C, CURVE, chem, circ
+from scipy.integrate import solve_ivp
+
+from bhm_service.battery import effects as fx
+from bhm_service.battery.pack import PackModel
+from bhm_service.units import FARADAY, GAS_CONSTANT
+
+N = 6
+T = np.arange(0.0, 901.0)
+STEADY = np.full(T.size, 10.0)
+RNG = np.random.default_rng(5)
+GUSTY = 10.0 + 3.0 * RNG.standard_normal(T.size)
+BOTH = pytest.mark.parametrize("cell", [circ(), chem()], ids=["circ", "chem"])
+OHMIC = circ(r_sp0=1e-12, r_sp1=0.0)  # nothing but a resistance behind the curve
+
+
+def run(cell, *effects, current=GUSTY, soc=0.95, kelvin=None):
+    temperature = None if kelvin is None else np.full(T.size, kelvin)
+    return PackModel(cell, N, 1.0, effects).simulate(T, current, soc, temperature)
+
+
+def difference(cell, effect, **kw):
+    return run(cell, effect, **kw).voltage - run(cell, **kw).voltage
+
+
+# ---- heat -----------------------------------------------------------------------------------------------------------
+
+
+def test_self_heating_is_the_solution_of_its_heat_balance():
+    """Ohmic losses that fall as the pack warms, by scipy's integrator."""
+    arrhenius = fx.ResistanceTemperature(activation_energy=25e3)
+    warm = fx.SelfHeating(heat_capacity=300.0, conductance=0.3, ambient=272.0, start_above=6.0)
+
+    def rate(_, kelvin):
+        ohm = N * 0.004 * np.exp(25e3 / GAS_CONSTANT * (1 / kelvin - 1 / 298.15))
+        return (10.0**2 * ohm - 0.3 * (kelvin - 272.0)) / 300.0
+
+    truth = solve_ivp(rate, (0.0, 900.0), [278.0], t_eval=T, rtol=1e-10, atol=1e-10).y[0]
+    found = run(OHMIC, arrhenius, warm, current=STEADY).states[-1]
+    assert np.ptp(truth) > 2.0
+    np.testing.assert_allclose(found, truth, atol=2e-3)
+
+
+@BOTH
+def test_settled_temperature_carries_all_losses_to_the_air(cell):
+    warm = fx.SelfHeating(heat_capacity=5.0, conductance=2.0, ambient=290.0)
+    pack = PackModel(cell, N, 1.0, [warm])
+    out = pack.simulate(T, STEADY, 0.95)
+    losses = 10.0 * (pack.open_circuit(out.soc) - out.voltage)
+    np.testing.assert_allclose(out.states[-1][-300:] - 290.0, losses[-300:] / 2.0, rtol=0.01)
+
+
+def test_measured_temperature_goes_before_the_state():
+    arrhenius = fx.ResistanceTemperature(activation_energy=25e3)
+    warm = fx.SelfHeating(heat_capacity=300.0, conductance=0.8, ambient=272.0)
+    measured = run(circ(), arrhenius, kelvin=285.0).voltage
+    np.testing.assert_allclose(run(circ(), arrhenius, warm, kelvin=285.0).voltage, measured, rtol=1e-12)
+    assert np.max(np.abs(run(circ(), arrhenius, warm).voltage - measured)) > 0.05
+
+
+def test_core_rises_above_the_sensor_by_losses_times_resistance():
+    lag = fx.CoreLag(thermal_resistance=0.5, time_constant=200.0)
+    arrhenius = fx.ResistanceTemperature(activation_energy=20e3)
+    out = run(OHMIC, lag, current=STEADY, kelvin=290.0)
+    rise = 0.5 * 10.0**2 * N * 0.004 * (1 - np.exp(-T / 200.0))
+    np.testing.assert_allclose(out.states[-1], rise, rtol=1e-6, atol=1e-9)
+    inside = run(OHMIC, lag, arrhenius, current=STEADY, kelvin=290.0)
+    core = 290.0 + inside.states[2]
+    ohm = N * 0.004 * np.exp(20e3 / GAS_CONSTANT * (1 / core - 1 / 298.15))
+    np.testing.assert_allclose(inside.voltage, N * CURVE.voltage(inside.soc) - 10.0 * ohm, atol=1e-7)
+
+
+@BOTH
+def test_the_order_in_which_effects_join_does_not_matter(cell):
+    joined = [
+        fx.ResistanceTemperature(activation_energy=24e3),
+        fx.SelfHeating(heat_capacity=400.0, conductance=1.0, ambient=275.0),
+        fx.CoreLag(thermal_resistance=0.5),
+        fx.CapacityFade(fade=0.1),
+    ]
+    np.testing.assert_allclose(run(cell, *joined).voltage, run(cell, *joined[::-1]).voltage, rtol=1e-9)
+
+
+@BOTH
+def test_strong_feedback_still_settles_to_what_steps_give(cell):
+    """A cold small pack under a load that heats it by tens of kelvin."""
+    joined = [
+        fx.ResistanceTemperature(activation_energy=35e3),
+        fx.SelfHeating(heat_capacity=120.0, conductance=0.3, ambient=263.0),
+        fx.CoreLag(thermal_resistance=2.0),
+    ]
+    pack = PackModel(cell, N, 1.0, joined)
+    whole = pack.simulate(T, STEADY, 0.95)
+    states = np.array(pack.start(0.95))
+    for _ in T[1:]:
+        states = pack.step(states, 1.0, 10.0, 10.0)
+    assert whole.states[-2][-1] - 263.0 > 15.0
+    np.testing.assert_allclose([s[-1] for s in whole.states], states, rtol=1e-8, atol=1e-9)
+
+
+def test_entropy_moves_the_resting_voltage_and_heats():
+    entropy = fx.EntropicVoltage(slope=-0.3e-3)
+    rest = np.zeros(T.size)
+    np.testing.assert_allclose(difference(circ(), entropy, current=rest, kelvin=278.15), N * 0.3e-3 * 20.0, rtol=1e-9)
+    warm = fx.SelfHeating(heat_capacity=5.0, conductance=2.0, ambient=290.0)
+    hot = run(OHMIC, entropy, warm, current=STEADY).states[-1][-1]
+    assert 2.0 * (hot - 290.0) == pytest.approx(10.0**2 * N * 0.004 + 10.0 * N * 0.3e-3 * hot, rel=1e-6)
+
+
+# ---- charge and age -------------------------------------------------------------------------------------------------
+
+
+@BOTH
+@pytest.mark.parametrize(
+    ("effect", "kelvin", "capacity"),
+    [
+        (fx.CapacityFade(fade=0.12), None, 0.88),
+        (fx.CapacityFade(fade=0.06, age=2.0), None, 0.88),
+        (fx.ColdCapacity(per_kelvin=0.006), 278.15, 0.88),
+        (fx.ColdCapacity(per_kelvin=0.006), 308.15, 1.0),
+        (fx.RateCapacity(exponent=1.05), None, 2.0**-0.05),
+    ],
+    ids=["fade", "older", "cold", "warm", "rate"],
+)
+def test_capacity_is_what_charge_falls_by(cell, effect, kelvin, capacity):
+    used = run(cell, effect, current=STEADY, kelvin=kelvin).soc  # 2C
+    np.testing.assert_allclose(0.95 - used, 10.0 * T / (capacity * CAPACITY_C), rtol=1e-10, atol=1e-13)
+
+
+def test_grown_resistance_is_ohmic_and_of_charge_transfer():
+    grown = run(circ(), fx.ResistanceGrowth(growth=0.5, age=0.6))
+    by_hand = run(circ(r_s=0.004 * 1.3, r_sp0=0.003 * np.sqrt(1.3), r_sp1=1e-5 * np.sqrt(1.3)))
+    np.testing.assert_allclose(grown.voltage, by_hand.voltage, rtol=1e-12)
+    grown = run(chem(), fx.ResistanceGrowth(growth=0.3))
+    by_hand = run(chem(r_o=0.004 * 1.3, i_p0=20.0 / 1.3, i_n0=60.0 / 1.3))
+    np.testing.assert_allclose(grown.voltage, by_hand.voltage, rtol=1e-12)
+
+
+@BOTH
+def test_a_start_below_the_assumed_charge_is_that_start(cell):
+    there = run(cell, soc=0.87).voltage
+    np.testing.assert_allclose(run(cell, fx.PartialCharge(deficit=0.08)).voltage, there, rtol=1e-12)
+    stored = fx.SelfDischarge(rate=0.004 / 86400.0, storage=20 * 86400.0)
+    np.testing.assert_allclose(run(cell, stored).voltage, there, rtol=1e-12)
+
+
+def test_a_weak_cell_is_one_cell_of_smaller_capacity_and_more_resistance():
+    """Five good cells and a weak one, each simulated on its own."""
+    plain = {"r_sp1": 0.0}
+    good = PackModel(circ(**plain), 1).simulate(T, GUSTY, 0.95)
+    weak = PackModel(circ(**plain, c_max=0.8 * CAPACITY_C, r_s=0.004 * 1.4), 1).simulate(T, GUSTY, 0.95)
+    pack = run(circ(**plain), fx.WeakCell(loss=0.2, resistance=0.4))
+    np.testing.assert_allclose(pack.voltage, 5 * good.voltage + weak.voltage, rtol=1e-10)
+
+
+# ---- voltage --------------------------------------------------------------------------------------------------------
+
+
+@BOTH
+def test_slow_diffusion_builds_up_as_one_exponential(cell):
+    slow = fx.SlowDiffusion(resistance=0.002, time_constant=250.0)
+    expected = -N * 0.002 * 10.0 * (1 - np.exp(-T / 250.0))
+    np.testing.assert_allclose(difference(cell, slow, current=STEADY), expected, rtol=1e-9, atol=1e-12)
+
+
+def test_slower_diffusion_of_chem_is_a_longer_diffusion_time():
+    slow = run(chem(), fx.SlowDiffusion(resistance=0.0, time_constant=300.0, slowing=1.7))
+    np.testing.assert_allclose(slow.voltage, run(chem(t_diffusion=140.0 * 1.7)).voltage, rtol=1e-12)
+
+
+def test_charge_transfer_bends_the_drop_around_the_hover():
+    effect = fx.ChargeTransfer(bend=2.5)
+    i_0 = 5.0 / 2.5
+    np.testing.assert_allclose(difference(circ(), effect, current=STEADY), 0.0, atol=1e-12)  # 2C
+    for amps in (1.0, 5.0, 25.0):
+        scale = 2 * GAS_CONSTANT * 298.15 / FARADAY
+        bent, chord = np.arcsinh(amps / (2 * i_0)), np.arcsinh(10.0 / (2 * i_0)) * amps / 10.0
+        found = difference(circ(), effect, current=np.full(T.size, amps), soc=0.9)
+        np.testing.assert_allclose(found, N * scale * (chord - bent), rtol=1e-9, atol=1e-12)
+
+
+def test_faster_charge_transfer_of_chem_is_a_larger_exchange_current():
+    fast = run(chem(), fx.ChargeTransfer(speed=1.5))
+    np.testing.assert_allclose(fast.voltage, run(chem(i_p0=30.0, i_n0=90.0)).voltage, rtol=1e-12)
+
+
+@BOTH
+def test_hysteresis_changes_branch_with_charge_not_with_time(cell):
+    effect = fx.Hysteresis(amplitude=0.02, reach=0.05, begin=-1.0)
+    current = np.where((T > 100) & (T < 400), 0.0, 8.0)
+    used = np.concatenate([[0.0], np.cumsum(0.5 * (current[1:] + current[:-1]))])
+    branch = 1.0 - 2.0 * np.exp(-used / (0.05 * CAPACITY_C))
+    np.testing.assert_allclose(difference(cell, effect, current=current), -N * 0.02 * branch, rtol=1e-8, atol=1e-10)
+
+
+@BOTH
+def test_sensors_read_straight_lines(cell):
+    plain, more = run(cell).voltage, run(cell, current=GUSTY + 1.5).voltage
+    np.testing.assert_allclose(run(cell, fx.UnseenLoad(current=1.5)).voltage, more, rtol=1e-12)
+    np.testing.assert_allclose(run(cell, fx.CurrentOffset(offset=1.5)).voltage, more, rtol=1e-12)
+    scaled = run(cell, current=1.05 * GUSTY).voltage
+    np.testing.assert_allclose(run(cell, fx.CurrentGain(gain=0.05)).voltage, scaled, rtol=1e-12)
+    np.testing.assert_allclose(run(cell, fx.VoltageGain(gain=-0.01)).voltage, 0.99 * plain, rtol=1e-12)
+    np.testing.assert_allclose(run(cell, fx.VoltageOffset(offset=0.12)).voltage, plain + 0.12, rtol=1e-12)
+
+
+@BOTH
+def test_contacts_drop_in_proportion_to_the_current_and_only_while_bad(cell):
+    lasting = difference(cell, fx.ContactResistance(resistance=0.006))
+    np.testing.assert_allclose(lasting, -0.006 * GUSTY, rtol=1e-8)
+    episode = difference(cell, fx.IntermittentContact(resistance=0.006, begin=200.0, end=260.0))
+    bad = (T > 200) & (T < 260)
+    np.testing.assert_allclose(episode, np.where(bad, -0.006 * GUSTY, 0.0), rtol=1e-8, atol=1e-11)
+    unknown = difference(cell, fx.IntermittentContact(resistance=0.006))
+    np.testing.assert_array_equal(unknown, 0.0)
+
+
+@pytest.mark.parametrize("skew", [-0.3, 0.3])
+def test_skewed_voltage_has_the_drop_of_another_moment(skew):
+    def load(at):
+        return 10.0 + 5.0 * np.sin(2 * np.pi * at / 40.0)
+
+    shifted = -N * 0.004 * (load(T + skew) - load(T))
+    found = difference(OHMIC, fx.TimeSkew(skew=skew), current=load(T))
+    largest = np.max(np.abs(shifted))
+    np.testing.assert_allclose(found[60:], shifted[60:], atol=0.2 * largest)
+
+
+@BOTH
+def test_bent_curves_are_straight_between_their_knots(cell):
+    millivolts = [-8.0, 5.0, 12.0, -3.0, 2.0, 6.0]
+    names = ("at_0", "at_10", "at_25", "at_50", "at_75", "at_100")
+    effect = fx.OcvShape(**{n: 1e-3 * v for n, v in zip(names, millivolts, strict=True)})
+    soc = run(cell, soc=0.7).soc
+    bend = 1e-3 * N * np.interp(soc, effect.knots, millivolts)
+    np.testing.assert_allclose(difference(cell, effect, soc=0.7), bend, rtol=1e-8, atol=1e-12)
+
+
+def test_resistance_follows_its_shape_over_charge():
+    effect = fx.ResistanceShape(at_5=0.8, at_25=0.2, at_55=-0.1, at_90=0.1)
+    soc = run(circ(), soc=0.6).soc
+    shape = np.interp(soc, effect.knots, [0.8, 0.2, -0.1, 0.1])
+    np.testing.assert_allclose(difference(circ(), effect, soc=0.6), -N * 0.004 * shape * GUSTY, rtol=1e-8, atol=1e-11)
