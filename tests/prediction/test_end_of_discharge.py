@@ -2,7 +2,16 @@ import numpy as np
 import pytest
 from battery.cells import CAPACITY_C, chem, circ
 
-from bhm_service.battery.effects import ResistanceTemperature
+from bhm_service.battery.effects import (
+    CurrentGain,
+    Hysteresis,
+    RateCapacity,
+    ResistanceTemperature,
+    SelfHeating,
+    UnseenLoad,
+    VoltageGain,
+    WeakCell,
+)
 from bhm_service.battery.ocv import MonotoneSpline
 from bhm_service.battery.pack import PackModel
 from bhm_service.messages import Ending
@@ -51,6 +60,25 @@ def test_it_agrees_with_steps_of_one_second_to_half_a_second(cell, kelvin):
     states, power = spread(pack)
     times, _ = end_of_discharge(pack, states, power, LIMITS, kelvin)
     np.testing.assert_allclose(times, second_by_second(pack, states, power, LIMITS, kelvin), atol=0.5)
+
+
+JOINED = [
+    [UnseenLoad(current=2.5)],
+    [CurrentGain(gain=0.1), VoltageGain(gain=-0.01)],
+    [RateCapacity(exponent=1.06)],
+    [WeakCell(loss=0.15, resistance=0.3)],
+    [Hysteresis(amplitude=0.02, begin=-1.0)],
+    [ResistanceTemperature(activation_energy=22e3), SelfHeating(heat_capacity=2e3, conductance=4.0, ambient=278.0)],
+]
+
+
+@pytest.mark.parametrize("effects", JOINED, ids=lambda effects: effects[-1].id)
+def test_it_agrees_with_steps_of_one_second_whatever_has_joined_the_pack(effects):
+    pack = PackModel(circ(), 6, 3.0, effects)
+    states = np.tile(np.array(pack.rest(0.9), dtype=float), (8, 1))
+    power = np.linspace(600.0, 1400.0, 8)
+    times, _ = end_of_discharge(pack, states, power, LIMITS)
+    np.testing.assert_allclose(times, second_by_second(pack, states, power, LIMITS), atol=0.5)
 
 
 @pytest.mark.parametrize("cell", CELLS, ids=NAMES)

@@ -17,11 +17,11 @@ _AT_REST_A = 1e-9  # a current too small to move anything, so that a rest is no 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hysteresis(Effect):
-    """dV = -M h with dh/dt = |i| / (g Q) (sign(i) - h): a lag in charge, not in time."""
+    """dV = -M h with dh/dt = abs(i) / (g Q) (sign(i) - h): a lag in charge, not in time."""
 
     id: ClassVar[str] = "hysteresis"
     title: ClassVar[str] = "Voltage remembers charging"
-    equation: ClassVar[str] = "dV = -n M h, dh/dt = |i| / (g Q) (sign(i) - h)"
+    equation: ClassVar[str] = "dV = -n M h, dh/dt = abs(i) / (g Q) (sign(i) - h)"
     source: ClassVar[str] = "one-state hysteresis, Plett 2004; 5-30 mV a cell, LFP 20-50"
     excited_by: ClassVar[str] = "the first 5-10 % of charge after charging; regenerative descents"
     mimics: ClassVar[tuple[str, ...]] = ("slow-diffusion", "voltage-offset", "ocv-shape", "partial-charge")

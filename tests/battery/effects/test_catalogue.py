@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 from battery.cells import chem, circ
@@ -8,6 +10,7 @@ from bhm_service.battery.effects import EFFECTS, ResistanceTemperature
 from bhm_service.battery.pack import PackModel
 from bhm_service.estimation.tracker import Tracker
 from bhm_service.messages import BatterySample, Model
+from bhm_service.prediction.demand_effects import DEMAND_EFFECTS
 from bhm_service.prediction.end_of_discharge import Limits, end_of_discharge
 
 CELLS = pytest.mark.parametrize("cell", [circ(), chem()], ids=["circ", "chem"])
@@ -129,6 +132,16 @@ def test_filter_and_predictor_run_with_it(cell, effect):
     )
     assert np.all(np.isfinite(seconds))
     assert np.all(np.diff(seconds) < 0.0)
+
+
+def test_the_readme_lists_the_catalogue():
+    rows = []
+    for effect in (*EFFECTS.values(), *DEMAND_EFFECTS.values()):
+        names = ", ".join(p.name + (f" [{p.unit}]" if p.unit != "1" else "") for p in effect.parameters())
+        rows.append(f"| `{effect.id}` | {effect.equation} | {names} |")
+    table = "\n".join(rows)
+    readme = Path(__file__).parents[3] / "README.md"
+    assert table in readme.read_text(encoding="utf-8"), f"the table should read\n{table}"
 
 
 def test_effects_that_look_alike_say_so_of_each_other():
