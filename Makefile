@@ -41,6 +41,9 @@ $(VENV)/.ready: $(VENV)/.made pyproject.toml
 
 $(VENV)/.ready-dev: $(VENV)/.ready
 	$(BIN)/pip install --quiet --editable '.[dev]'
+	# Real peers; the tests that need one are skipped where it has no wheel. MAVProxy without its viewers (900 MB).
+	-$(BIN)/pip install --quiet --only-binary :all: --no-deps 'mavsdk==4.1.*'
+	-$(BIN)/pip install --quiet --only-binary :all: --no-deps 'MAVProxy==1.8.*'
 	touch $@
 
 $(VENV)/.ready-bench: $(VENV)/.ready-dev

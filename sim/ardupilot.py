@@ -60,7 +60,7 @@ class ArduPilot(Firmware):
         return status_message(state.voltage_v, state.current_a, self.left_percent(self.counted_ah(state)[0]))
 
     def hears(self, frame: WireFrame, now_s: float) -> None:
-        return  # only forwards it, to links that are not simulated
+        return  # it forwards what others say, and makes nothing of it
 
     def wind(self, state: State) -> Any:
         return ENUM.MAVLink_wind_message(state.wind_from_deg, state.wind_mps, 0.0)

@@ -32,6 +32,8 @@ class Channel:
     interval_s: dict[int, float]
     due_s: dict[int, float] = field(default_factory=dict)
     answers: list[Any] = field(default_factory=list)
+    forwarded: list[bytes] = field(default_factory=list)
+    spoken: bool = False  # somebody has transmitted here
     signs: bool = False
 
 
@@ -94,12 +96,15 @@ class Firmware(ABC):
             channel.mavlink.seq = 0
             channel.due_s.clear()
             channel.answers.clear()
+            channel.forwarded.clear()
+            channel.spoken = False
 
     def send_due(self, channel: Channel, state: State) -> list[bytes]:
         """Frames that this link is owed now: answers first, then its streams."""
         if state.time_s < self._up_s:
             return []
         messages, channel.answers = channel.answers, []
+        forwarded, channel.forwarded = channel.forwarded, []
         for message_id, interval in list(channel.interval_s.items()):
             interval /= self.hurry
             due = channel.due_s.setdefault(message_id, state.time_s)
@@ -107,7 +112,7 @@ class Firmware(ABC):
                 messages += self.messages(message_id, state)
                 due += interval
             channel.due_s[message_id] = due
-        return [self._frame(message, channel, state.time_s) for message in messages]
+        return forwarded + [self._frame(message, channel, state.time_s) for message in messages]
 
     def _frame(self, message: Any, channel: Channel, now_s: float) -> bytes:
         frame = bytes(message.pack(channel.mavlink))
@@ -124,11 +129,14 @@ class Firmware(ABC):
         if now_s < self._up_s or ours or not self._admits(channel, frame, now_s):
             return
         self.hears(frame, now_s)
-        answer = _ANSWERS.get(frame.message_id)
-        if answer is None:
-            return
+        channel.spoken = True
         asked = unpack(frame.message_id, frame.payload)
-        if asked.get("target_system", self.system) in (0, self.system):
+        if asked.get("target_system", 0) == 0:
+            for other in self.channels:
+                if other is not channel and other.spoken:
+                    other.forwarded.append(frame.raw)
+        answer = _ANSWERS.get(frame.message_id)
+        if answer is not None and asked.get("target_system", self.system) in (0, self.system):
             channel.answers += answer(self, channel, asked, frame.source)
 
     def _admits(self, channel: Channel, frame: WireFrame, now_s: float) -> bool:
