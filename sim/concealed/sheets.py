@@ -1,0 +1,53 @@
+"""What is ordered of the world: one sheet for each case."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+Size: TypeAlias = Literal["small", "medium", "large"]
+Kind: TypeAlias = Literal["null", "single", "pair", "triple", "outside", "ambiguous", "decoy"]
+Noise: TypeAlias = Literal["plain", "heavy-tails", "other-colour", "wrong-ocv", "logging-faults"]
+World: TypeAlias = Literal["ladder", "porous"]
+SIZES: tuple[Size, ...] = ("small", "medium", "large")
+NOISES: tuple[Noise, ...] = ("plain", "heavy-tails", "other-colour", "wrong-ocv", "logging-faults")
+
+
+@dataclass(frozen=True, slots=True)
+class EffectSheet:
+    """An effect of the catalogue (or outside it), and how much of it."""
+
+    name: str
+    size: Size
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CaseSheet:
+    """One case; everything else about it is drawn from (suite, seed, index)."""
+
+    suite: str
+    seed: int
+    index: int
+    kind: Kind
+    effects: tuple[EffectSheet, ...] = ()
+    noise: Noise = "plain"
+    rich: bool = True  # deep flights, climbs, ages; else one kind of flight again and again
+    temperature_recorded: bool = True
+    ages_recorded: bool = True  # charge cycles and days of storage stand in the sidecar
+    decoys: int = 0  # columns that trend with the flights and mean nothing
+    cells_recorded: bool = False
+    flights: int = 6
+    world: World = "ladder"
+
+    @property
+    def name(self) -> str:
+        """Of the case's directory: it tells nothing of what is inside."""
+        return f"{self.suite}-{self.index:04d}"
+
+    def generator(self, purpose: str) -> np.random.Generator:
+        """Random numbers for one purpose: a change in one does not move the others."""
+        words = [zlib.crc32(text.encode()) for text in (self.suite, purpose)]
+        return np.random.default_rng([self.seed, self.index, *words])
