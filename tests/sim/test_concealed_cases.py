@@ -1,0 +1,136 @@
+"""The files of a concealed case: what a tool finds in them, and what it must not."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import hashlib
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pymavlink import mavutil
+
+from bhm_service.mavlink.log import read_log
+from bhm_service.messages import BatteryStatus, Heartbeat, LandedState
+from sim.concealed.answer import Answer
+from sim.concealed.generate import CATALOGUE, OUTSIDE, generate
+from sim.concealed.sheets import CaseSheet, EffectSheet
+from sim.concealed.suites import SUITES, draw_suite
+
+NULL = CaseSheet(suite="test", seed=5, index=3, kind="null", flights=2)
+FADE = replace(NULL, kind="single", effects=(EffectSheet("capacity-fade", "large"),))
+
+
+def digest(folder):
+    files = sorted(p for p in folder.rglob("*") if p.is_file())
+    return {str(p.relative_to(folder)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
+
+
+@pytest.fixture(scope="module")
+def null(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("null")
+    return folder, generate(NULL, folder)
+
+
+@pytest.fixture(scope="module")
+def faded(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("fade")
+    return folder, generate(FADE, folder)
+
+
+def test_a_case_is_laid_out_as_a_user_has_it(null):
+    folder, _ = null
+    assert set(digest(folder)) == {
+        "lab/slow.csv.gz",
+        "lab/one_c.csv.gz",
+        "lab/variable.csv.gz",
+        "flights/00.tlog",
+        "flights/01.tlog",
+        "flights/flights.csv",
+    }
+    for path in (folder / "lab").iterdir():
+        with gzip.open(path, "rt") as stream:
+            assert next(csv.reader(stream)) == ["time_s", "current_A", "voltage_V", "temperature_C"]
+    rows = list(csv.DictReader((folder / "flights" / "flights.csv").read_text().splitlines()))
+    assert [row["file"] for row in rows] == ["00.tlog", "01.tlog"]
+    assert {"battery_id", "rest_voltage_V", "rest_minutes"} <= set(rows[0])
+
+
+def test_the_same_sheet_gives_the_same_bytes(null, tmp_path):
+    folder, answer = null
+    assert generate(NULL, tmp_path) == answer
+    assert digest(tmp_path) == digest(folder)
+
+
+def test_another_seed_gives_another_pack(null, tmp_path):
+    other = generate(replace(NULL, seed=6, flights=1), tmp_path)
+    assert other.pack != null[1].pack
+
+
+def test_a_null_conceals_nothing(null):
+    answer = null[1]
+    assert answer.accept == ("none",)
+    assert answer.effects == () and answer.snr == 0.0
+
+
+def test_the_lab_does_not_carry_the_effect_and_the_flights_do(null, faded):
+    plain, effect = digest(null[0]), digest(faded[0])
+    assert all(plain[name] == effect[name] for name in plain if name.startswith("lab"))
+    assert all(plain[name] != effect[name] for name in plain if name.endswith("tlog"))
+    assert faded[1].snr > 3.0 and faded[1].accept == ("capacity-fade",)
+
+
+def test_nothing_beside_the_flights_names_the_effect(faded):
+    folder, answer = faded
+    words = (folder / "flights" / "flights.csv").read_text() + answer.case
+    assert not any(name in words for name in (*CATALOGUE, *OUTSIDE))
+
+
+def test_mavproxys_reader_and_ours_read_the_same_flight(null):
+    folder, answer = null
+    path = folder / "flights" / "00.tlog"
+    log = read_log(path)
+    kinds = Counter(type(message) for _, message in log.messages)
+    assert not log.skipped and not log.clock_jumps
+    assert kinds[BatteryStatus] == kinds[Heartbeat] > 300
+    theirs = []
+    peer = mavutil.mavlogfile(str(path))
+    while (message := peer.recv_match(type=["BATTERY_STATUS"])) is not None:
+        theirs.append(message.voltages[0] / 1000.0)
+    peer.close()
+    ours = [m.voltage_v for _, m in log.messages if isinstance(m, BatteryStatus)]
+    assert ours == theirs
+    start = log.span_s[0]
+    armed = [m.time_s - start for _, m in log.messages if isinstance(m, Heartbeat) and m.armed]
+    flying = [m.time_s - start for _, m in log.messages if isinstance(m, LandedState) and m.state.name == "IN_AIR"]
+    flight = answer.flights[0]
+    assert armed[0] < flight.takeoff_s < armed[-1]
+    assert flying[0] == pytest.approx(flight.takeoff_s, abs=2.0)
+    assert flying[-1] == pytest.approx(flight.landing_s, abs=3.0)
+
+
+def test_an_answer_survives_its_file(faded):
+    assert Answer.from_json(faded[1].as_json()) == faded[1]
+
+
+@pytest.mark.parametrize("name", sorted(SUITES))
+def test_a_suite_is_the_same_whenever_it_is_drawn(name):
+    sheets = draw_suite(name, 11)
+    assert sheets == draw_suite(name, 11) != draw_suite(name, 12)
+    assert len(sheets) == SUITES[name]
+    assert [s.index for s in sheets] == list(range(len(sheets)))
+
+
+def test_an_examination_holds_what_it_must():
+    sheets = draw_suite("exam", 1)
+    kinds = Counter(sheet.kind for sheet in sheets)
+    nulls = [sheet for sheet in sheets if not sheet.effects]
+    assert len(sheets) >= 300 and kinds["null"] >= 100
+    assert np.mean([s.noise != "plain" for s in nulls if s.kind == "null"]) == pytest.approx(0.5, abs=0.03)
+    named = Counter((e.name, e.size) for s in sheets if s.kind == "single" for e in s.effects)
+    assert {(name, size) for name in CATALOGUE for size in ("small", "medium", "large")} <= set(named)
+    outside = {e.name for s in sheets if s.kind == "outside" for e in s.effects}
+    assert outside == set(OUTSIDE)
+    assert {s.temperature_recorded for s in sheets} == {True, False}
