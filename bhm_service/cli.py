@@ -96,6 +96,7 @@ def _recordings(name: str, what: str) -> Callable[[Callable[..., None]], Callabl
 @_recordings("--variable", "Load as in flight, or a drive cycle.")
 @_recordings("--pulses", "Pulses and rests.")
 @_recordings("--rate", "Discharges at other rates.")
+@_recordings("--flights", "Logs of flights, alone: adapts the generic LiPo to them.")
 @_recordings("--held-out", "Not fitted: shows how good the result is.")
 @click.option("--oracle", is_flag=True, help="Show beside the held-out errors the best that each model could reach.")
 @click.option("--series", type=click.IntRange(1, 28), help="Cells in series of the recorded voltage.")
@@ -114,7 +115,7 @@ def _recordings(name: str, what: str) -> Callable[[Callable[..., None]], Callabl
 @click.option("-o", "--output", type=_FILE, required=True, help="Battery file to write.")
 @click.option("--report", type=click.Path(path_type=Path), help="Page of figures, or folder for it; beside OUTPUT.")
 def identify(**given: Any) -> None:
-    """Identify a pack's cells from bench recordings.
+    """Identify a pack's cells from bench recordings, or from flights alone.
 
     Recordings are tables (.csv, .csv.gz) or logs. The paper's three experiments are --slow, --one-c and --variable;
     it works with less, and says what the recordings left open.

@@ -35,6 +35,7 @@ class Guess:
 
     vehicle: Vehicle
     reasons: tuple[str, ...]
+    capacity_told: bool  # by the autopilot's parameters, not out of measurements
 
 
 def guess_vehicle(messages: Iterable[Message], battery_id: int | None, name: str) -> Guess:
@@ -67,7 +68,13 @@ def guess_vehicle(messages: Iterable[Message], battery_id: int | None, name: str
             ),
         ),
         tuple(reasons),
+        capacity_told=_told_capacity_mah(parameters, battery_id) is not None,
     )
+
+
+def _told_capacity_mah(parameters: dict[str, float], battery_id: int) -> tuple[float, str] | None:
+    told = _parameter(parameters, _CAPACITY_PARAMETERS, battery_id)
+    return told if told is not None and told[0] >= _LEAST_CAPACITY_MAH else None
 
 
 def _parameter(parameters: dict[str, float], patterns: Iterable[str], battery_id: int) -> tuple[float, str] | None:
@@ -97,8 +104,8 @@ def _capacity(
     samples: list[BatterySample], parameters: dict[str, float], battery_id: int, series: int, gauge_measures: bool
 ) -> tuple[float, str, float]:
     """Capacity [Ah], what it comes from, and how well it is known."""
-    told = _parameter(parameters, _CAPACITY_PARAMETERS, battery_id)
-    if told is not None and told[0] >= _LEAST_CAPACITY_MAH:
+    told = _told_capacity_mah(parameters, battery_id)
+    if told is not None:
         return told[0] / 1000.0, told[1], 0.05
     by_rest = _capacity_by_rest(samples, series)
     if by_rest is not None:

@@ -5,23 +5,33 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
+import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from bhm_service.battery.battery_file import ModelName, write_battery
+from bhm_service.battery.battery_file import ModelName, read_battery, write_battery
+from bhm_service.config import shipped
 from bhm_service.errors import BadInputError
-from bhm_service.identification.bench import Bench, read_bench
+from bhm_service.guess import GENERIC_BATTERY, guess_vehicle
+from bhm_service.identification.bench import Bench, read_bench, read_held_out
 from bhm_service.identification.bench_table import QUANTITIES, Reading
 from bhm_service.identification.experiment import Discharge, Experiment, Kind, discharges
+from bhm_service.identification.flight_log import read_flights
+from bhm_service.identification.flights import identify_flights
 from bhm_service.identification.identify import Identified, Ocv, Request, identify, steps
 from bhm_service.identification.solve import Method
+from bhm_service.mavlink.log import Log, read_log
+
+Said: TypeAlias = Callable[[str], None]
 
 _WIDTH = 100
+# Of a capacity's logarithm: told with --capacity-ah, set in the autopilot, out of the flights themselves.
+_TOLD_SD, _PARAMETER_SD, _GUESSED_SD = 0.05, 0.10, 0.30
 _KINDS = {
     "slow": Kind.SLOW, "one_c": Kind.ONE_C, "variable": Kind.VARIABLE, "pulses": Kind.PULSES, "rate": Kind.RATE,
 }  # fmt: skip
@@ -32,6 +42,7 @@ class Task:
     """What was asked for on the command line."""
 
     recordings: tuple[tuple[Kind, Path], ...]
+    flights: tuple[Path, ...] = ()  # instead of recordings
     held_out: tuple[Path, ...] = ()
     output: Path
     report: Path | None = None
@@ -61,19 +72,27 @@ def columns_of(told: Sequence[str]) -> dict[str, str]:
 def task_of(given: dict[str, Any]) -> Task:
     """What the options of the command say. Raises BadInputError where they do not go together."""
     recordings = [(kind, path) for option, kind in _KINDS.items() for path in given[option]]
-    if not recordings:
+    flights = given["flights"]
+    if not recordings and not flights:
         raise BadInputError(
-            "bhm identify", "nothing to identify from", "give --slow, --one-c, --variable, --pulses or --rate"
+            "bhm identify",
+            "nothing to identify from",
+            "give --slow, --one-c, --variable, --pulses or --rate, or --flights alone",
         )
-    if given["series"] is None:
+    if flights and (recordings or given["held_out"]):
+        raise BadInputError(
+            "bhm identify", "--flights stands alone", "bench recordings tell more: give a flight as --variable"
+        )
+    if given["series"] is None and not flights:
         raise BadInputError("bhm identify", "how many cells in series?", "answer with --series N")
     return Task(
         recordings=tuple(recordings),
+        flights=flights,
         held_out=given["held_out"],
         output=given["output"],
         report=given["report"],
         reading=Reading(
-            series=given["series"],
+            series=given["series"] or 0,
             columns=columns_of(given["columns"]),
             current_unit=given["current_unit"],
             voltage_of=given["voltage"],
@@ -95,35 +114,88 @@ def identify_pack(task: Task) -> None:
     if not task.output.parent.is_dir():
         raise BadInputError(str(task.output), "its folder does not exist")
     with _bar(err) as (said, total):
-        benches = [bench for kind, path in task.recordings for bench in _read(path, kind, task.reading, said)]
-        unseen = [bench for path in task.held_out for bench in _read(path, Kind.VARIABLE, task.reading, said)]
-        request = Request(
-            experiments=tuple(b.experiment for b in benches),
-            held_out=tuple(b.experiment for b in unseen),
-            oracle=task.oracle,
-            series=task.reading.series,
-            models=task.models,
-            name=task.name or task.output.name.removesuffix(".toml"),
-            method=task.method,
-            ocv=task.ocv,
-            capacity_ah=task.capacity_ah,
-            source="bhm identify: " + ", ".join(f"{path.name} ({kind.value})" for kind, path in task.recordings),
-        )
-        total(steps(request))
-        identified = identify(request, said)
+        benches, identified = (_from_flights if task.flights else _from_bench)(task, said, total)
     write_battery(task.output, identified.battery)
-    _show_recordings(out, [*benches, *unseen])
+    _show_recordings(out, benches)
     _show(out, identified)
     out.print(f"written: {task.output}", markup=False)
 
 
-def _read(path: Path, kind: Kind, reading: Reading, said: Callable[[str], None]) -> list[Bench]:
+def _request(task: Task, benches: Sequence[Bench], source: str, series: int) -> Request:
+    return Request(
+        experiments=tuple(b.experiment for b in benches),
+        oracle=task.oracle,
+        series=series,
+        models=task.models,
+        name=task.name or task.output.name.removesuffix(".toml"),
+        method=task.method,
+        ocv=task.ocv,
+        capacity_ah=task.capacity_ah,
+        source=f"bhm identify: {source}",
+    )
+
+
+def _from_bench(task: Task, said: Said, total: Callable[[int], None]) -> tuple[list[Bench], Identified]:
+    benches = [bench for kind, path in task.recordings for bench in _read(path, kind, task.reading, said)]
+    unseen = [bench for path in task.held_out for bench in _held_out(path, task.reading, said)]
+    source = ", ".join(f"{path.name} ({kind.value})" for kind, path in task.recordings)
+    request = _request(task, benches, source, task.reading.series)
+    request = replace(request, held_out=tuple(b.experiment for b in unseen))
+    total(steps(request))
+    return [*benches, *unseen], identify(request, said)
+
+
+def _from_flights(task: Task, said: Said, total: Callable[[int], None]) -> tuple[list[Bench], Identified]:
+    """Cells in series and capacity as told, else from the logs."""
+    logs: list[Log] = []
+    for path in task.flights:
+        said(f"reading {path.name}")
+        logs.append(read_log(path))
+    series, capacity_ah, capacity_sd, reasons = _known_before(task, logs)
+    benches: list[Bench] = []
+    useless: list[BadInputError] = []
+    for log in logs:
+        try:
+            found = read_flights(log, task.reading.battery_id, series, capacity_ah)
+        except BadInputError as why:
+            useless.append(why)
+            continue
+        benches += [Bench(experiment, tuple(log.remarks())) for experiment in found]
+    if not benches:
+        raise useless[0]
+    reasons += [f"left out {Path(why.where).name}: {why.problem}" for why in useless]
+    request = _request(task, benches, ", ".join(log.path.name for log in logs), series)
+    request = replace(request, capacity_ah=capacity_ah)
+    total(2 * len(request.models))
+    known = read_battery(shipped("batteries", GENERIC_BATTERY))
+    identified = identify_flights(request, known, capacity_sd, said)
+    return benches, replace(identified, remarks=(*reasons, *identified.remarks))
+
+
+def _known_before(task: Task, logs: Sequence[Log]) -> tuple[int, float, float, list[str]]:
+    """Cells in series, capacity [Ah] and how well it is known, and where that is from."""
+    guesses = [guess_vehicle((m for _, m in log.messages), task.reading.battery_id, log.path.stem) for log in logs]
+    told = [g for g in guesses if g.capacity_told] or guesses
+    reasons = [] if task.reading.series and task.capacity_ah else [f"guessed: {'; '.join(told[0].reasons)}"]
+    series = task.reading.series or told[0].vehicle.battery.series or 1
+    if task.capacity_ah is not None:
+        return series, task.capacity_ah, _TOLD_SD, reasons
+    capacity_ah = float(np.median([g.vehicle.battery.capacity_ah or 5.0 for g in told]))
+    return series, capacity_ah, _PARAMETER_SD if told[0].capacity_told else _GUESSED_SD, reasons
+
+
+def _read(path: Path, kind: Kind, reading: Reading, said: Said) -> list[Bench]:
     said(f"reading {path.name}")
     return read_bench(path, kind, reading)
 
 
+def _held_out(path: Path, reading: Reading, said: Said) -> list[Bench]:
+    said(f"reading {path.name}")
+    return read_held_out(path, reading)
+
+
 @contextmanager
-def _bar(console: Console) -> Iterator[tuple[Callable[[str], None], Callable[[int], None]]]:
+def _bar(console: Console) -> Iterator[tuple[Said, Callable[[int], None]]]:
     """A bar that moves on with everything that is said; a function to say it, and one to tell how much will be."""
     columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as bar:

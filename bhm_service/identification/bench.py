@@ -21,6 +21,7 @@ _HALF_FULL_V = 3.0  # [V] a cell shows more than this before it is discharged
 _STEADY_V = 0.05  # [V] no discharge moves a pack's voltage by less
 _MOST_A, _MOST_AH = 400.0, 200.0  # beyond these a current is hardly one of a multirotor's pack in ampere
 _CHARGES = 0.05  # of the largest current, or of all charge that moved: less is no discharge, or no charge
+_RECHARGED = 0.3  # of what went out: braking does not put back so much after the end
 _LEAST_FALL_SLOW_V, _LEAST_FALL_V = 0.5, 0.2  # [V] a cell
 _UNSEEN_PER_H = 0.4  # of all charge that was counted: how fast the part that was not recorded is taken to have gone
 _BRIDGED_S = 600.0  # a gap of a steady current up to this long is bridged
@@ -56,6 +57,19 @@ def read_bench(path: Path, kind: Kind, reading: Reading) -> list[Bench]:
         said = f"left out {len(useless)} of {len(tables)} parts, the first of which {useless[0].problem}"
         found = [replace(bench, remarks=(*bench.remarks, said)) for bench in found]
     return found
+
+
+def read_held_out(path: Path, reading: Reading) -> list[Bench]:
+    """Read a recording that is not fitted; a recharge after its discharge is left out."""
+    return [_without_recharge(bench) for bench in read_bench(path, Kind.VARIABLE, reading)]
+
+
+def _without_recharge(bench: Bench) -> Bench:
+    charge = bench.experiment.charge_c
+    if float(charge.max() - charge[int(np.argmax(charge)) :].min()) < _RECHARGED * float(np.ptp(charge)):
+        return bench
+    remarks = list(bench.remarks)
+    return Bench(_one_discharge(bench.experiment, remarks), tuple(remarks))
 
 
 class _UselessError(BadInputError):

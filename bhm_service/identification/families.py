@@ -105,6 +105,10 @@ class Family(ABC):
     def finished(self, values: Mapping[str, Array]) -> CellModel:
         """The one cell of a set of values (1, size), as the battery file holds it."""
 
+    def parameter_sd(self, values: Mapping[str, Array], sd: Mapping[str, float]) -> dict[str, float]:
+        """Standard deviations of the cell's parameters out of those of the blocks."""
+        return dict(sd)
+
     @abstractmethod
     def stages(self) -> Sequence[tuple[str, tuple[str, ...]]]:
         """The paper's order: what a one-C discharge gives, then what a variable load gives."""

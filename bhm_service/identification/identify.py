@@ -29,7 +29,7 @@ from bhm_service.identification.spread import Spread, not_told, spread
 Ocv = Literal["auto", "spline", "cubic"]
 
 _COARSE = 500  # samples of a recording where forms are compared
-_FOREIGN_V, _FOREIGN_RATIO = 0.05, 6.0  # a recording this much worse than the others is of another pack
+FOREIGN_V, _FOREIGN_RATIO = 0.05, 6.0  # a recording this much worse than the others is of another pack
 _STAGES = {"one-C": (Kind.ONE_C, Kind.RATE), "variable": (Kind.VARIABLE, Kind.PULSES)}
 _STARTS = (4.0, 0.25)  # times the time constants: what a fit may have missed behind a hill
 _DOUBTS = 2  # rounds in which far samples come to count less
@@ -93,8 +93,8 @@ def identify(request: Request, progress: Progress = lambda _: None) -> Identifie
 
 def steps(request: Request) -> int:
     """How often `identify` will report progress, at most."""
-    per_model = 10 if request.method == "trf" else 5
-    return 1 + len(request.models) * (per_model + bool(request.held_out)) + ("circ" in request.models)
+    per_model = 9 if request.method == "trf" else 5
+    return 1 + len(request.models) * (per_model + bool(request.held_out)) + 3 * ("circ" in request.models)
 
 
 def _one(
@@ -124,7 +124,9 @@ def _one(
         assess(e, misfit, soc)
         for e, (misfit, soc) in zip(solution.problem.experiments, solution.problem.misfits(solution.x), strict=True)
     ]
-    _all_of_one_pack(assessments)
+    stranger = foreign(assessments)
+    if stranger is not None:
+        raise stranger
     if request.held_out:
         progress(f"{model}: held-out recordings")
         assessments += [_held_out(solution, e.thinned(6000), premises, request) for e in request.held_out]
@@ -196,17 +198,21 @@ def _held_out(solution: Solution, experiment: Experiment, premises: Premises, re
     return assess(experiment, misfit, soc, held_out=True, oracle=best)
 
 
-def _all_of_one_pack(assessments: Sequence[Assessment]) -> None:
-    errors = [a.whole.rmse for a in assessments]
-    for k, found in enumerate(assessments):
-        others = [e for j, e in enumerate(errors) if j != k and np.isfinite(e)]
-        if others and found.whole.rmse > max(_FOREIGN_V, _FOREIGN_RATIO * float(np.median(others))):
-            raise BadInputError(
-                found.label,
-                f"does not fit the pack of the other recordings: it is off by {1e3 * found.whole.rmse:.0f} mV a cell, "
-                f"they by {1e3 * float(np.median(others)):.0f} mV",
-                "is it of another pack, or of another number of cells (--series)?",
-            )
+def foreign(assessments: Sequence[Assessment]) -> BadInputError | None:
+    """What is to be said of the recording that fits the cell of all others worst, if it is of another pack."""
+    errors = np.array([a.whole.rmse for a in assessments])
+    if np.isfinite(errors).sum() < 2:
+        return None
+    k = int(np.nanargmax(errors))
+    others = float(np.nanmedian(np.delete(errors, k)))
+    if errors[k] <= max(FOREIGN_V, _FOREIGN_RATIO * others):
+        return None
+    return BadInputError(
+        assessments[k].label,
+        f"does not fit the pack of the other recordings: it is off by {1e3 * errors[k]:.0f} mV a cell, "
+        f"they by {1e3 * others:.0f} mV",
+        "is it of another pack, or of another number of cells (--series)?",
+    )
 
 
 # ---- the file -------------------------------------------------------------------------------------------------------
@@ -226,11 +232,11 @@ def _battery(request: Request, results: Sequence[ModelResult]) -> BatteryFile:
         chem=chem,
         joined=tuple(j for r in results for j in r.joined),
         uncertainty=Uncertainty(voltage_error_v=float(np.clip(max(known, default=0.01), *_VOLTAGE_ERROR))),
-        sd={r.model: _sd(r.solution, r.spread) for r in results},
+        sd={r.model: parameter_sd(r.solution, r.spread) for r in results},
     )
 
 
-def _sd(solution: Solution, spread_: Spread) -> dict[str, float]:
+def parameter_sd(solution: Solution, spread_: Spread) -> dict[str, float]:
     """Standard deviations in SI; of what a fit found as a logarithm, times the number."""
     unknowns = solution.problem.unknowns
     found: dict[str, float] = {}
@@ -239,8 +245,8 @@ def _sd(solution: Solution, spread_: Spread) -> dict[str, float]:
             k = unknowns.slice_of(block.name).start
             value = float(block.outer(solution.x[k]))
             found[block.name] = spread_.sd(k) * (value if block.log else 1.0)
-    return found
+    return solution.problem.family.parameter_sd(solution.values, found)
 
 
 def _joined(model: ModelName, solution: Solution, spread_: Spread) -> tuple[Joined, ...]:
-    return solution.problem.family.extras.joined(model, solution.values, _sd(solution, spread_))
+    return solution.problem.family.extras.joined(model, solution.values, parameter_sd(solution, spread_))

@@ -137,7 +137,7 @@ def _of_their_age(begins: Premises, experiments: Sequence[Experiment]) -> Premis
             f"discharge gave (another age of the cell?): {capacity_c / SECONDS_PER_HOUR:.4g} Ah is used",
         ),
     )
-    before, after = (unseen_error(problem_for(_any_cell(p), coarse, p))[0] for p in (begins, aged))
+    before, after = (unseen_error(problem_for(_any_cell(p), coarse, p)).typical for p in (begins, aged))
     return aged if after < BETTER * before else begins
 
 

@@ -90,8 +90,7 @@ class Problem:
         found = []
         trust = self.trust or (1.0,) * len(self.experiments)
         for experiment, used, trusted in zip(self.experiments, self.used, trust, strict=True):
-            span = float(experiment.time_s[-1] - experiment.time_s[0])
-            count = min(max(span * _SAMPLES_PER_S, _FEWEST), _MOST)
+            count = independent(experiment)
             share = experiment.weights() * used
             total = float(share.sum())
             each = np.sqrt(share / max(total, 1e-300) * count * float(used.mean()) ** 0.5) / SIGMA_V
@@ -122,6 +121,12 @@ class Problem:
     def data_rows(self) -> int:
         """How many of the residuals are of recordings; pulls follow them."""
         return int(sum(used.sum() for used in self.used))
+
+
+def independent(experiment: Experiment) -> float:
+    """How many independent voltages a recording is worth in a fit."""
+    span = float(experiment.time_s[-1] - experiment.time_s[0])
+    return min(max(span * _SAMPLES_PER_S, _FEWEST), _MOST)
 
 
 def problem_of(

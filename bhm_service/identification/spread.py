@@ -29,11 +29,12 @@ class Spread:
         return float(max(np.sqrt(self.covariance[k, k]), self.bootstrap_sd[k]))
 
 
-def spread(solution: Solution, seed: int = 1) -> Spread:
+def spread(solution: Solution, seed: int = 1, *, as_expected: bool = False) -> Spread:
     """Covariance at the optimum, checked by a bootstrap over segments of the recordings.
 
     Residuals are not independent: their variance and how long they last are taken from the residuals themselves,
-    recording by recording (a sandwich of the Jacobian around them).
+    recording by recording (a sandwich of the Jacobian around them). ``as_expected``: at least what the weights of the
+    fit stand for, where a fit may follow recordings for the wrong reason and its residuals do not show it.
     """
     problem, x = solution.problem, solution.x
     unknowns = problem.unknowns
@@ -57,13 +58,18 @@ def spread(solution: Solution, seed: int = 1) -> Spread:
             segments.append((j[piece].T @ r[piece], j[piece].T @ j[piece]))
             owner.append(number)
         at += count
+    prior_sd = np.concatenate([b.sd for b in unknowns.blocks])
     scale = np.sqrt(np.maximum(np.diag(curvature), 1e-300))
     inverse = np.linalg.pinv(curvature / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
     covariance = inverse @ meat @ inverse
+    if as_expected:
+        wider = np.sqrt(np.maximum(np.diag(inverse) / np.maximum(np.diag(covariance), 1e-300), 1.0))
+        covariance = covariance * np.outer(wider, wider)
     return Spread(
         covariance=covariance,
-        bootstrap_sd=_bootstrap(segments, np.array(owner), prior, curvature, seed),
-        told=_told(unknowns.names, covariance, np.concatenate([b.sd for b in unknowns.blocks])),
+        # No recording takes away what was known before, which a linear step from few segments may seem to.
+        bootstrap_sd=np.minimum(_bootstrap(segments, np.array(owner), prior, curvature, seed), prior_sd),
+        told=_told(unknowns.names, covariance, prior_sd),
         alike=_alike(unknowns.names, covariance),
     )
 

@@ -6,7 +6,7 @@ round.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,12 +22,21 @@ _AGREEING = 0.5  # of what was not known before
 _LEAST_SOC = 0.05  # below, cells are not alike
 
 
-def unseen_error(problem: Problem) -> tuple[float, bool]:
-    """RMS of the recordings' errors on pieces that a fit did not see [V]; whether the two fits' additions are sound.
+@dataclass(frozen=True, slots=True)
+class Unseen:
+    """Errors on pieces that a fit did not see. [V]"""
 
-    Sound: off the bounds of what is physical, and the two fits agree to half of what was not known before.
+    rms: float  # over all recordings
+    typical: float  # geometric mean of the recordings' own: what no form follows in one of them decides nothing
+    sound: bool  # additions are off the bounds of what is physical, and the two fits agree on them
+
+
+def unseen_error(problem: Problem) -> Unseen:
+    """Fit one half of the pieces, judge on the other, and the other way round.
+
+    Two fits agree on a number when they are within half of what was not known of it before.
     """
-    squares: list[float] = []
+    squares: list[list[float]] = [[] for _ in problem.experiments]
     additions = problem.family.extras.blocks(problem.family.ohm)
     found_x: list[Array] = []
     for fold in (0, 1):
@@ -35,14 +44,15 @@ def unseen_error(problem: Problem) -> tuple[float, bool]:
         seen = tuple(u & p for u, p in zip(problem.used, pieces, strict=True))
         found = solve(replace(problem, used=seen), evaluations=25)
         found_x.append(found.x)
-        for e, used, piece, (misfit, soc) in zip(
-            problem.experiments, problem.used, pieces, problem.misfits(found.x), strict=True
+        for own, e, used, piece, (misfit, soc) in zip(
+            squares, problem.experiments, problem.used, pieces, problem.misfits(found.x), strict=True
         ):
             weight = e.weights() * (used & ~piece & (soc > _LEAST_SOC))
             if weight.sum() > 0.0:
-                squares.append(float(np.nansum(weight * np.nan_to_num(misfit) ** 2) / weight.sum()))
+                own.append(float(np.nansum(weight * np.nan_to_num(misfit) ** 2) / weight.sum()))
     sound = all(_sound(block, *(x[problem.unknowns.slice_of(block.name)] for x in found_x)) for block in additions)
-    return float(np.sqrt(np.mean(squares))), sound
+    means = np.array([np.mean(own) for own in squares if own])
+    return Unseen(float(np.sqrt(means.mean())), float(np.exp(0.5 * np.log(means).mean())), sound)
 
 
 def _sound(block: Block, one: Array, other: Array) -> bool:

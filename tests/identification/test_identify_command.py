@@ -47,3 +47,18 @@ def test_without_recordings_or_cells_the_question_names_the_option(tmp_path: Pat
         run("--series", "6", "-o", tmp_path / "out.toml")
     with pytest.raises(BadInputError, match="--series N"):
         run("--slow", tmp_path / "slow.csv", "-o", tmp_path / "out.toml")
+
+
+def test_flights_alone_need_neither_cells_nor_capacity_told(data: Path, tmp_path: Path) -> None:
+    output = tmp_path / "flown.toml"
+    said = run("--flights", *sorted((data / "flights/tlog").glob("acuasi*.tlog")), "--model", "circ", "-o", output)
+    battery = read_battery(output)
+    assert battery.series == 4
+    assert battery.circ is not None
+    assert "4.0 Ah, from BATT_CAPACITY" in said
+    assert "not told by these recordings: capacity" in said
+
+
+def test_flights_and_bench_recordings_do_not_mix(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match="--flights stands alone"):
+        run("--flights", tmp_path / "a.tlog", "--slow", tmp_path / "s.csv", "--series", "4", "-o", tmp_path / "o.toml")
