@@ -41,7 +41,8 @@ def replay(
 ) -> None:
     """Run recorded flights through the onboard apps.
 
-    LOG is a telemetry log (.tlog), an ArduPilot DataFlash log (.bin) or a table (.csv). For each, OUTPUT gets the log
+    LOG is a telemetry log (.tlog), an ArduPilot DataFlash log (.bin), a table (.csv) or a recording of `bhm run`
+    (.bhmlog), which needs no vehicle file. For each, OUTPUT gets the log
     with our messages in it (.bhm.tlog), the series (.csv) and a page of figures (.html).
     """
     from bhm_service.commands.replay import Request, replay_logs

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 
 from bhm_service.assembly import Equipment
-from bhm_service.battery.battery_file import BatteryFile, read_battery
+from bhm_service.battery.battery_file import BatteryFile, checked_battery, read_battery
 from bhm_service.config import Service, Vehicle, checked, read_toml, read_vehicle
 from bhm_service.errors import BadInputError
 from bhm_service.guess import guess_vehicle
 from bhm_service.mavlink.log import Log
+from bhm_service.recorded import Recorded
 
 
 def read_service(path: Path | None) -> Service:
@@ -40,6 +42,23 @@ def equipment_of(vehicle: Path, battery: Path | None, battery_id: int | None = N
         raise BadInputError(str(vehicle), f"battery.file = {said.battery.file!r}: no such file")
     known = read_battery(file)
     return Equipment(vehicle=_with_id(said, battery_id), battery=known, battery_text=file.read_text(encoding="utf-8"))
+
+
+def recorded_equipment(recorded: Recorded, where: str) -> tuple[Equipment, Service] | None:
+    """What a flight recording was made with; None where its head is damaged."""
+    head = recorded.head
+    if not {"vehicle", "battery", "service"} <= head.keys():
+        return None
+    try:
+        tables = tomllib.loads(head["battery"])
+    except (tomllib.TOMLDecodeError, TypeError) as why:
+        raise BadInputError(where, f"its battery file cannot be read: {why}") from None
+    equipment = Equipment(
+        vehicle=checked(Vehicle, head["vehicle"], f"{where}, vehicle"),
+        battery=checked_battery(tables, f"{where}, battery file"),
+        battery_text=head["battery"],
+    )
+    return equipment, checked(Service, head["service"], f"{where}, service file")
 
 
 def guessed_equipment(log: Log, battery: Path | None, battery_id: int | None) -> tuple[Equipment, list[str]]:

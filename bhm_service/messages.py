@@ -376,7 +376,7 @@ class Housekeeping:
     down: bool = False  # crashed twice within a minute, and is not tried again
 
 
-Message: TypeAlias = (
+Input: TypeAlias = (
     Heartbeat
     | BatteryStatus
     | SystemStatus
@@ -391,6 +391,11 @@ Message: TypeAlias = (
     | Tick
     | LinkState
     | LinkReport
+)
+"""What comes from outside: from the links, and the passing of time."""
+
+Message: TypeAlias = (
+    Input
     | BatterySample
     | FlightPhase
     | PackChange

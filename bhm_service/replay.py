@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from bhm_service.assembly import Equipment, assemble
+from bhm_service.bus import Bus
+from bhm_service.codec import NotThisKindError
 from bhm_service.config import Service
 from bhm_service.errors import BadInputError
+from bhm_service.executive import restore
 from bhm_service.mavlink.log import NOWHERE, Log, Place
 from bhm_service.mavlink.recording import battery_ids
 from bhm_service.messages import (
@@ -44,9 +47,13 @@ class Replay:
     phases: list[FlightPhase] = field(default_factory=list)
     changes: list[PackChange] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
-    values: list[tuple[Place, NamedValue]] = field(default_factory=list)  # with the frame that they follow
-    texts: list[tuple[Place, StatusText]] = field(default_factory=list)
+    outgoing: list[tuple[Place, NamedValue | StatusText]] = field(default_factory=list)  # with the frame they follow
     housekeeping: dict[str, Housekeeping] = field(default_factory=dict)  # the last of every app
+
+    @property
+    def values(self) -> list[tuple[Place, NamedValue]]:
+        """The numbers among what goes out."""
+        return [(place, said) for place, said in self.outgoing if isinstance(said, NamedValue)]
 
 
 class _Notebook:
@@ -88,10 +95,8 @@ class _Notebook:
                 pages.changes.append(message)
             case Event():
                 pages.events.append(message)
-            case NamedValue():
-                pages.values.append((self.place, message))
-            case StatusText():
-                pages.texts.append((self.place, message))
+            case NamedValue() | StatusText():
+                pages.outgoing.append((self.place, message))
             case Housekeeping():
                 pages.housekeeping[message.app] = message
             case _:
@@ -99,19 +104,53 @@ class _Notebook:
         return []
 
 
-def replay(log: Log, equipment: Equipment, service: Service, progress: Callable[[float], None] | None = None) -> Replay:
-    """Run the apps over a log. Raises BadInputError when it has nothing of the battery that is to be followed."""
+def replay(
+    log: Log,
+    equipment: Equipment,
+    service: Service,
+    progress: Callable[[float], None] | None = None,
+    as_recorded: bool = False,
+) -> Replay:
+    """Run the apps over a log. Raises BadInputError when it has nothing of the battery that is to be followed.
+
+    ``as_recorded`` a flight recording's apps begin with what they remembered then; ``equipment`` must be its own.
+    """
     _check_battery(log, equipment.vehicle.battery.id)
     pages = Replay()
     notebook = _Notebook(pages)
     bus = assemble(equipment, service, sinks=[notebook])
     total = max(len(log.messages), 1)
-    for count, (place, message) in enumerate(with_ticks(log.messages)):
+    remembered = dict(log.recorded.states) if log.recorded is not None and as_recorded else {}
+    # A flight recording has the ticks of its own run.
+    messages = with_ticks(log.messages) if log.recorded is None else log.messages
+    for count, (place, message) in enumerate(messages):
+        if count in remembered:
+            _restore(bus, remembered[count], log)
         notebook.place = place
         bus.publish(message)
         if progress is not None and count % 500 == 0:
             progress(min(count / total, 1.0))
     return pages
+
+
+def _restore(bus: Bus, remembered: dict[str, Any], log: Log) -> None:
+    try:
+        restore(bus.apps, remembered)
+    except NotThisKindError as why:
+        raise BadInputError(
+            str(log.path), f"is of another version of the service: {why}", "replay it with the version that recorded it"
+        ) from None
+
+
+def reproduced(log: Log, pages: Replay) -> str:
+    """Whether the replay of a flight recording said to the ground what was said in flight, in words."""
+    recorded = log.recorded
+    assert recorded is not None
+    ours = [said for _, said in pages.outgoing]
+    if list(recorded.said) == ours:
+        return f"all {len(ours)} messages to the ground are reproduced exactly"
+    same = sum(a == b for a, b in zip(recorded.said, ours, strict=False))
+    return f"{len(recorded.said)} messages to the ground were recorded, {len(ours)} replayed, {same} are equal"
 
 
 def _check_battery(log: Log, wanted: int) -> None:

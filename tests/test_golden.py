@@ -16,7 +16,7 @@ from bhm_service.config import Service, read_vehicle, shipped
 from bhm_service.mavlink.log import read_log
 from bhm_service.messages import Model
 from bhm_service.replay import Replay, replay
-from bhm_service.reporting.played import named_value_frames
+from bhm_service.reporting.played import outgoing_frames
 from sim.flights import FLIGHTS
 
 GOLDEN = Path(__file__).parent / "golden"
@@ -40,7 +40,7 @@ def equipment() -> Equipment:
 def run(flight: Path) -> tuple[Replay, list[bytes]]:
     log = read_log(flight)
     pages = replay(log, equipment(), Service())
-    return pages, named_value_frames(log, pages)
+    return pages, outgoing_frames(log, pages)
 
 
 def table(pages: Replay) -> str:

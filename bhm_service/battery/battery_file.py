@@ -144,9 +144,14 @@ def _schema() -> type[BaseModel]:
 
 def read_battery(path: Path) -> BatteryFile:
     """Read and check a battery file; BadInputError names file, key, value and what is allowed."""
-    given: Any = checked(_schema(), read_toml(path), str(path))
+    return checked_battery(read_toml(path), str(path))
+
+
+def checked_battery(tables: dict[str, Any], where: str) -> BatteryFile:
+    """The tables of a battery file, checked."""
+    given: Any = checked(_schema(), tables, where)
     if given.circ is None and given.chem is None:
-        raise BadInputError(str(path), "has neither a [circ] nor a [chem] section")
+        raise BadInputError(where, "has neither a [circ] nor a [chem] section")
     sd: dict[str, dict[str, float]] = {}
     circ = chem = None
     if given.circ is not None:

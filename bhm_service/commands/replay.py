@@ -12,11 +12,11 @@ from rich.table import Table
 
 from bhm_service.assembly import Equipment
 from bhm_service.config import Service
-from bhm_service.equipment import equipment_of, guessed_equipment, read_service
+from bhm_service.equipment import equipment_of, guessed_equipment, read_service, recorded_equipment
 from bhm_service.errors import BadInputError
 from bhm_service.mavlink.log import Log, read_log
 from bhm_service.messages import EventCode
-from bhm_service.replay import Replay, replay
+from bhm_service.replay import Replay, replay, reproduced
 from bhm_service.reporting.flights import FlightSummary, summarise
 from bhm_service.reporting.page import write_page
 from bhm_service.reporting.played import write_played
@@ -38,6 +38,11 @@ class Request:
     battery_id: int | None = None
     system: int | None = None
     service: Path | None = None
+
+    @property
+    def as_recorded(self) -> bool:
+        """Whether a flight recording is replayed with what it was made with."""
+        return self.vehicle is None and self.battery is None and self.battery_id is None and self.service is None
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,12 +107,18 @@ def _one(
 ) -> Result:
     log = read_log(path, request.system, lambda share: progress(_READING * share))
     remarks = log.remarks()
-    if given is None:
+    recorded = None if log.recorded is None else recorded_equipment(log.recorded, str(path))
+    as_recorded = recorded is not None and request.as_recorded
+    if recorded is not None and as_recorded:
+        equipment, service = recorded
+    elif given is None:
         equipment, reasons = guessed_equipment(log, request.battery, request.battery_id)
         remarks = [*reasons, *remarks]
     else:
         equipment = given
-    pages = replay(log, equipment, service, lambda share: progress(_READING + _REPLAYING * share))
+    pages = replay(log, equipment, service, lambda share: progress(_READING + _REPLAYING * share), as_recorded)
+    if as_recorded:
+        remarks.append(reproduced(log, pages))
     flights = summarise(pages)
     written = [request.output / f"{stem}{ending}" for ending in (".bhm.tlog", ".csv", ".html")]
     if path.resolve() in (file.resolve() for file in written):

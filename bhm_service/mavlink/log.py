@@ -10,13 +10,15 @@ from pathlib import Path
 from typing import TypeAlias
 
 from bhm_service.errors import BadInputError
+from bhm_service.flight_recorder import FILE_HEAD
 from bhm_service.mavlink.clock import SteadyClock
 from bhm_service.mavlink.dataflash import HEAD as DATAFLASH_HEAD
 from bhm_service.mavlink.dataflash import DataFlashReader
 from bhm_service.mavlink.decode import WANTED, VehicleDecoder
 from bhm_service.mavlink.table import TableReader
 from bhm_service.mavlink.tlog import Skipped, TlogReader, looks_like_tlog
-from bhm_service.messages import Message
+from bhm_service.messages import Heartbeat, Message
+from bhm_service.recorded import Recorded, read_recorded
 
 Place: TypeAlias = tuple[int, int]
 NOWHERE: Place = (0, 0)
@@ -29,6 +31,7 @@ class LogKind(Enum):
     TLOG = "telemetry log"
     DATAFLASH = "DataFlash log"
     TABLE = "table"
+    RECORDER = "flight recorder"
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +46,7 @@ class Log:
     clock_jumps: tuple[tuple[float, float], ...]
     other_systems: tuple[int, ...]
     data: bytes  # of a tlog; empty else
+    recorded: Recorded | None = None  # of our own flight recorder
 
     @property
     def span_s(self) -> tuple[float, float]:
@@ -67,6 +71,8 @@ def read_log(path: Path, system: int | None = None, progress: Callable[[float], 
     message of an autopilot.
     """
     kind = kind_of(path)
+    if kind is LogKind.RECORDER:
+        return _recorder_log(path)
     clock = SteadyClock()
     others: tuple[int, ...] = ()
     vehicle = 1
@@ -84,6 +90,17 @@ def read_log(path: Path, system: int | None = None, progress: Callable[[float], 
     if not messages:
         raise BadInputError(str(path), f"this {kind.value} holds no message of an autopilot")
     return Log(path, kind, messages, vehicle, skipped, tuple(clock.jumps), others, data)
+
+
+def _recorder_log(path: Path) -> Log:
+    recorded = read_recorded(path)
+    lost = recorded.lost
+    skipped = Skipped(bytes=lost.bytes, places=lost.places, rows=lost.rows, truncated=lost.truncated)
+    messages = tuple((NOWHERE, message) for message in recorded.messages)
+    system = next((m.system for m in recorded.messages if isinstance(m, Heartbeat)), None)
+    if system is None:
+        raise BadInputError(str(path), "this flight recording holds no message of an autopilot")
+    return Log(path, LogKind.RECORDER, messages, system, skipped, (), (), b"", recorded)
 
 
 def _tlog_messages(
@@ -107,6 +124,8 @@ def kind_of(path: Path) -> LogKind:
         head = stream.read(4096)
     if not head:
         raise BadInputError(str(path), "is empty")
+    if head.startswith(FILE_HEAD):
+        return LogKind.RECORDER
     if head.startswith(DATAFLASH_HEAD):
         return LogKind.DATAFLASH
     text = head
@@ -124,5 +143,6 @@ def kind_of(path: Path) -> LogKind:
     raise BadInputError(
         str(path),
         "is not a log that can be read",
-        "known are telemetry logs (.tlog), ArduPilot DataFlash logs (.bin) and tables (.csv, .csv.gz)",
+        "known are telemetry logs (.tlog), ArduPilot DataFlash logs (.bin), tables (.csv, .csv.gz) and our own "
+        "flight recordings (.bhmlog)",
     )

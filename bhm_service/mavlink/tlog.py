@@ -41,7 +41,7 @@ class Skipped:
     bytes: int = 0
     places: int = 0
     bad_checksums: int = 0
-    rows: int = 0  # of a table, without a time
+    rows: int = 0  # of a table, without a time; of a flight recording, not understood
     truncated: bool = False
 
     def __bool__(self) -> bool:
@@ -54,7 +54,7 @@ class Skipped:
         if self.bad_checksums:
             parts.append(f"{self.bad_checksums} frames with a wrong checksum")
         if self.rows:
-            parts.append(f"{self.rows} rows without a time")
+            parts.append(f"{self.rows} rows that say nothing")
         if self.truncated:
             parts.append("the last frame is cut off")
         return ", ".join(parts) if parts else "nothing"

@@ -21,21 +21,36 @@ def write_played(path: Path, log: Log, pages: Replay) -> None:
     path.write_bytes(data)
 
 
-def named_value_frames(log: Log, pages: Replay) -> list[bytes]:
-    """Our frames alone, in order: what goes out on the wire."""
+def outgoing_frames(log: Log, pages: Replay) -> list[bytes]:
+    """Our frames alone, in order: what goes out on the wire, before it is signed.
+
+    Those of a flight recording are numbered as they were, heartbeats and requests between them left out.
+    """
     encoder = FrameEncoder(log.system)
-    return [encoder.named_value(value) for _, value in pages.values]
+    if log.recorded is None:
+        return [frame for _, said in pages.outgoing for frame in encoder.frames(said)]
+    frames: list[bytes] = []
+    for (_, said), sent in zip(pages.outgoing, log.recorded.sent, strict=False):
+        if sent is None:
+            continue
+        system, component, number = sent
+        if (encoder.system, encoder.component) != (system, component):
+            encoder = FrameEncoder(system, component)
+        encoder.sequence = number
+        frames += encoder.frames(said)
+    return frames
 
 
 def _into_tlog(log: Log, pages: Replay) -> bytes:
     encoder = FrameEncoder(log.system)
     out = bytearray()
     copied = 0
-    for (begin, end), value in pages.values:
+    for (begin, end), said in pages.outgoing:
         out += log.data[copied:end] if end > copied else b""
         copied = max(copied, end)
         # The original's own stamp, not our steady time: a player goes by the stamps around it.
-        out += log.data[begin : begin + _STAMP] + encoder.named_value(value)
+        stamp = log.data[begin : begin + _STAMP]
+        out += b"".join(stamp + frame for frame in encoder.frames(said))
     out += log.data[copied:]
     return bytes(out)
 
@@ -48,6 +63,6 @@ def _anew(log: Log, pages: Replay) -> bytes:
             frames.append((message.time_s, 0, autopilot.autopilot_heartbeat(message)))
         elif isinstance(message, BatteryStatus):
             frames.append((message.time_s, 0, autopilot.battery_status(message)))
-    frames += [(value.time_s, 1, ours.named_value(value)) for _, value in pages.values]
+    frames += [(said.time_s, 1, frame) for _, said in pages.outgoing for frame in ours.frames(said)]
     frames.sort(key=lambda frame: frame[:2])
     return b"".join(stamped(time_s, frame) for time_s, _, frame in frames)
