@@ -10,7 +10,7 @@ import pytest
 from bhm_service.battery.battery_file import read_battery
 from bhm_service.mavlink.log import read_log
 from bhm_service.mavlink.recording import record
-from sim.proof.real.bench import maxamps, nasa
+from sim.proof.real.bench import maxamps, nasa, panasonic
 from sim.proof.real.injected import FAULTS, injected
 from sim.proof.real.matrice import matrice, temperatures_of_others, temperatures_shuffled, usable
 from sim.proof.real.recordings import read_bench
@@ -65,9 +65,10 @@ def test_the_rise_withheld_from_the_fast_discharges_is_the_one_that_was_measured
         (answer,) = case(tmp_path, tmp_path)
         rises = [max(h["temperature_K"]) - h["temperature_K"][0] for h in answer.hidden.values()]
         assert np.mean(rises) == pytest.approx(rise, abs=1.0)
-        shown = columns(tmp_path / case.name / "flights" / "00.csv")
-        assert set(shown["T_C"]) == {""}
-        assert all(float(i) > -0.1 for i in shown["I"])  # the charge after it is not shown
+        shown = record(read_log(tmp_path / case.name / "flights" / "00.tlog"), 0, 1, 5.45 * 3600.0)
+        assert np.isnan(shown.temperature_k).all()
+        assert shown.current_a.min() > -0.1  # the charge after it is not shown
+        assert shown.time_s[0] == pytest.approx(answer.starts_s["00.tlog"], abs=1.0)
 
 
 def test_the_capacity_that_is_asked_of_an_aged_cell_is_the_data_sets_own(data, tmp_path):
@@ -80,7 +81,19 @@ def test_the_capacity_that_is_asked_of_an_aged_cell_is_the_data_sets_own(data, t
     assert within.met(fade)
     assert not within.met(fade + 0.03)
     assert named.measure == "named.capacity-fade"
-    assert set(columns(tmp_path / "n1" / "flights" / "00.csv")) & {"cycle", "ambient_C", "label"} == set()
+    shown = record(read_log(tmp_path / "n1" / "flights" / "00.tlog"), 0, 1, 2.0 * 3600.0)
+    assert len(shown.flights) == 1
+    assert not shown.pack_changes
+    assert np.isnan(shown.temperature_k).all()
+
+
+def test_a_drive_cycle_is_one_flight_of_one_pack(data, tmp_path):
+    for case in panasonic(data, ["p0", "p1", "p2"])[1:]:
+        case(tmp_path, tmp_path)
+        for path in (tmp_path / case.name / "flights").iterdir():
+            shown = record(read_log(path), 0, 1, 2.9 * 3600.0)
+            assert len(shown.flights) == 1
+            assert not shown.pack_changes
 
 
 def test_a_third_of_the_injections_is_empty_and_the_seed_decides_which(data):

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from sim.proof.cases import write_pack
-from sim.proof.real.recordings import Recording, discharge_of, read_bench, write_bench, write_flight
+from sim.proof.real.recordings import Recording, discharge_of, read_bench, write_bench, write_log
 from sim.proof.scoring.answers import Answer, Criterion, Names, Quantity
 
 WARMTH: tuple[Names, ...] = tuple(
@@ -40,10 +40,11 @@ class BenchCase:
         (case / "flights").mkdir()
         for kind, recording in self.lab.items():
             write_bench(case / "lab" / f"{kind}.csv.gz", recording)
-        hidden = {}
+        hidden, starts = {}, {}
         for k, recording in enumerate(self.shown):
-            write_flight(case / "flights" / f"{k:02d}.csv", recording, with_temperature=False)
-            hidden[f"{k:02d}.csv"] = recording.hidden_temperature
+            log = case / "flights" / f"{k:02d}.tlog"
+            starts[log.name] = write_log(log, recording, k, with_temperature=False)
+            hidden[log.name] = recording.hidden_temperature
         return [
             Answer(
                 case=self.name,
@@ -52,6 +53,7 @@ class BenchCase:
                 accept=self.accept,
                 truth=self.accept[0],
                 hidden=hidden,
+                starts_s=starts,
                 criteria=self.criteria,
                 parameters=self.parameters or {},
                 note=self.note,

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from sim.proof.cases import write_pack
-from sim.proof.real.recordings import Array, Recording, read_bench, write_bench, write_flight
+from sim.proof.real.recordings import Array, Recording, read_bench, write_bench, write_log
 from sim.proof.scoring.answers import Answer, Criterion, Names, Quantity
 
 _NOISE_V = 0.004  # [V] what two runs of this cell differ by when nothing was changed, for the SNR
@@ -88,7 +88,7 @@ class InjectedCase:
             plain = read_bench(source / f"{file}.csv.gz")
             shown = plain if self.fault is None else self.fault.add(plain, self.size)
             snr.append(_snr(plain, shown))
-            write_flight(case / "flights" / f"{k:02d}.csv", shown, with_temperature=True)
+            write_log(case / "flights" / f"{k:02d}.tlog", shown, k, with_temperature=True)
         group = "Panasonic 18650PF at 25 degC, injection"
         if self.fault is None:
             return [

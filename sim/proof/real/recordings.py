@@ -6,15 +6,20 @@ import csv
 import gzip
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+
+from bhm_service.mavlink.dialect import ENUM
+from bhm_service.mavlink.encode import stamped
 
 Array: TypeAlias = NDArray[np.float64]
 ZERO_CELSIUS_K = 273.15
 _FLIGHT = ("t_s", "V", "I", "T_C", "soc_pct", "used_mAh", "alt_m", "speed_mps", "armed")
 _BENCH = ("time_s", "current_A", "voltage_V", "temperature_C")
+_EPOCH_S = 1_750_000_000.0
+_NO_TEMPERATURE, _NO_CELL, _NO_CURRENT = 32767, 65535, -1  # the wire's words for unknown
 _WORKS_A = 0.05  # of the largest current: below, a bench rests
 
 
@@ -60,7 +65,7 @@ def read_flight(path: Path) -> Recording:
 
 
 def read_bench(path: Path, label: str | None = None) -> Recording:
-    """A bench recording of one cell, or one of its labels; armed is where the bench works."""
+    """A bench recording of one cell, or one of its labels; armed from the first load on, rests after it included."""
     columns = _columns(path, label)
     time = columns["time_s"]
     forward = np.append(True, np.diff(np.maximum.accumulate(time)) > 0.0)
@@ -68,7 +73,7 @@ def read_bench(path: Path, label: str | None = None) -> Recording:
     nothing = np.full(current.size, np.nan)
     working = np.flatnonzero(np.abs(current) > _WORKS_A * np.max(np.abs(current)))
     armed = np.zeros(current.size)
-    armed[working[0] : working[-1] + 1] = 1.0
+    armed[working[0] :] = 1.0
     return Recording(
         name=path.name.split(".")[0] + (f"_{label}" if label else ""),
         time_s=time[forward] - time[0],
@@ -102,6 +107,42 @@ def write_flight(path: Path, recording: Recording, *, with_temperature: bool) ->
         writer = csv.writer(stream)
         writer.writerow(_FLIGHT)
         writer.writerows([_text(value) for value in row] for row in zip(*columns, strict=True))
+
+
+def write_log(path: Path, recording: Recording, day: int, *, with_temperature: bool) -> float:
+    """A bench recording as a telemetry log; returns its first time stamp. What is withheld is unknown in it.
+
+    A table cannot say that a drive cycle is one flight through all its pauses; a log can, by its landed state.
+    """
+    r, out, begin_s = recording, bytearray(), _EPOCH_S + 86400.0 * day
+    mavlink: Any = ENUM.MAVLink(None, srcSystem=1, srcComponent=ENUM.MAV_COMP_ID_AUTOPILOT1)
+    for k in range(r.time_s.size):
+        armed = bool(r.armed[k])
+        mode = ENUM.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0
+        landed = ENUM.MAV_LANDED_STATE_IN_AIR if armed else ENUM.MAV_LANDED_STATE_ON_GROUND
+        warm = r.temperature_c[k] if with_temperature else np.nan
+        centiamperes = round(100.0 * float(r.current_a[k]))
+        for message in (
+            ENUM.MAVLink_heartbeat_message(
+                ENUM.MAV_TYPE_QUADROTOR, ENUM.MAV_AUTOPILOT_ARDUPILOTMEGA, mode, 0, ENUM.MAV_STATE_ACTIVE, 3
+            ),
+            ENUM.MAVLink_extended_sys_state_message(0, landed),
+            ENUM.MAVLink_battery_status_message(
+                0,
+                ENUM.MAV_BATTERY_FUNCTION_ALL,
+                ENUM.MAV_BATTERY_TYPE_LION,
+                _NO_TEMPERATURE if np.isnan(warm) else round(100.0 * float(warm)),
+                [round(1000.0 * float(r.voltage_v[k])), *[_NO_CELL] * 9],
+                0 if centiamperes == _NO_CURRENT else centiamperes,
+                -1,
+                -1,
+                -1,
+            ),
+        ):
+            out += stamped(begin_s + float(r.time_s[k]), bytes(message.pack(mavlink)))
+            mavlink.seq = (mavlink.seq + 1) % 256
+    path.write_bytes(out)
+    return begin_s + float(r.time_s[0])
 
 
 def write_bench(path: Path, recording: Recording) -> None:
