@@ -81,7 +81,8 @@ class Tool:
             command += ["--vehicle", str(case.vehicle)]
         if case.sidecar is not None:
             command += ["--sidecar", str(case.sidecar)]
-        return _collected(case, out, self.confinement.run(command, out, _LONGEST_S, _environment()))
+        ran = self.confinement.run(command, out, _LONGEST_S, _environment())
+        return {**_collected(case, out, ran), "battery": str(battery.resolve())}
 
     def _identified(self, case: Case) -> tuple[Path, str]:
         """The battery of a case's lab recordings, and why there is none."""

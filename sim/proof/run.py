@@ -21,13 +21,16 @@ from bhm_service.errors import BadInputError
 from sim.proof.answerers import Answerer, answerer
 from sim.proof.cases import Batch, Case
 from sim.proof.confine import close_memory, confinement
+from sim.proof.flying_time import flying_times
 from sim.proof.scoring.answers import Answer
 from sim.proof.scoring.findings import outcome_from_json
+from sim.proof.scoring.judge import judge
 from sim.proof.scoring.score import SuiteScore, score
-from sim.proof.sealing import Seal, opened, seal, write_opened, write_sealed
+from sim.proof.sealing import opened, seal, write_opened, write_sealed
 from sim.proof.suites import SHARED, checked_seed, exam_seed, suite
 
-OUTCOMES = "outcomes.json"
+OUTCOMES, ENDED = "outcomes.json", "ended.json"
+_MOST_FLOWN_ON = 40  # cases of a suite whose flying time is examined: each is four replays of a flight
 _ROOT = Path(__file__).resolve().parents[2]
 _ENTROPY_BITS = 48
 
@@ -92,7 +95,16 @@ def prove(request: Request, said: Callable[[str], None], progress: Progress) -> 
     said(f"sealed: SHA-256 {sealed.digest}")
     outcomes = _answered(answers, who, folder, request.jobs, progress)
     (folder / OUTCOMES).write_text(json.dumps(outcomes) + "\n")
-    return _opened_and_scored(request, sealed, outcomes, begin, said)
+    write_opened(folder, sealed)
+    times = _flown_on(answers, outcomes, folder, request.jobs, progress)
+    seconds = round((datetime.now(UTC) - begin).total_seconds(), 1)
+    (folder / ENDED).write_text(json.dumps({"seconds": seconds, "rft_error_s": times}) + "\n")
+    proof = scored(folder)
+    said(f"opened: the hash is the one that was sealed; seed {proof.about['seed']}")
+    if not request.keep:
+        for name in ("cases", "verdicts", "held", "batteries"):
+            shutil.rmtree(folder / name, ignore_errors=True)
+    return proof
 
 
 def scored(folder: Path) -> Proof:
@@ -104,27 +116,13 @@ def scored(folder: Path) -> Proof:
         about = json.loads((folder / "sealed.json").read_text())
         seed, answers = opened(folder)
         outcomes = json.loads((folder / OUTCOMES).read_text())
-        about |= json.loads((folder / "ended.json").read_text())
+        ended = json.loads((folder / ENDED).read_text())
     except FileNotFoundError as why:
         raise BadInputError(str(folder), f"holds no finished run: {Path(why.filename).name} is missing") from None
-    read = [outcome_from_json(o) for o in outcomes]
+    times = ended["rft_error_s"]
+    read = [outcome_from_json(o | {"rft_error_s": times.get(o["case"])}) for o in outcomes]
     scores = tuple(score(name, of, read) for name, of in answers.items())
-    return Proof(about | {"seed": seed}, answers, outcomes, scores)
-
-
-def _opened_and_scored(
-    request: Request, sealed: Seal, outcomes: list[dict[str, Any]], begin: datetime, said: Callable[[str], None]
-) -> Proof:
-    folder = request.output
-    write_opened(folder, sealed)
-    seconds = round((datetime.now(UTC) - begin).total_seconds(), 1)
-    (folder / "ended.json").write_text(json.dumps({"seconds": seconds}) + "\n")
-    proof = scored(folder)
-    said(f"opened: the hash is the one that was sealed; seed {proof.about['seed']}")
-    if not request.keep:
-        for name in ("cases", "verdicts", "held"):
-            shutil.rmtree(folder / name, ignore_errors=True)
-    return proof
+    return Proof(about | {"seed": seed, "seconds": ended["seconds"]}, answers, outcomes, scores)
 
 
 def _fresh(folder: Path) -> Path:
@@ -175,6 +173,32 @@ def _answered(
             found.append(future.result())
             progress("collecting verdicts", len(found), len(everyone))
     return sorted(found, key=lambda o: str(o["case"]))
+
+
+def _flown_on(
+    answers: dict[str, list[Answer]], outcomes: list[dict[str, Any]], folder: Path, jobs: int, progress: Progress
+) -> dict[str, tuple[float, float]]:
+    """Flying time on flights kept back, of the first cases of every suite whose effect was found and repaired."""
+    by_case = {o["case"]: o for o in outcomes}
+    asked = []
+    for of in answers.values():
+        found = [a for a in of if a.held and judge(a, outcome_from_json(by_case[a.case])).first_right]
+        for answer in found[:_MOST_FLOWN_ON]:
+            before, after = (_battery(folder, by_case[answer.case], when) for when in ("before", "after"))
+            if before is not None and after is not None:
+                asked.append((answer, before, after, Case(folder / "cases" / answer.case).series))
+    if not asked:
+        return {}
+    return flying_times(asked, folder / "held", jobs, lambda done, of: progress("flying on", done, of))
+
+
+def _battery(folder: Path, outcome: dict[str, Any], when: str) -> Path | None:
+    """The battery file that a case was examined with, or the one that it was given back."""
+    named = outcome.get("battery") if when == "before" else outcome["findings"].get("battery_file")
+    if not isinstance(named, str):
+        return None
+    path = Path(named) if when == "before" else folder / "verdicts" / outcome["case"] / named
+    return path if path.is_file() else None
 
 
 def _versions() -> dict[str, Any]:
