@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from bhm_service.errors import BadInputError
+from sim.concealed.suites import SUITES as CONCEALED
 from sim.proof.cases import Batch
+from sim.proof.concealed_cases import concealed
 from sim.proof.real.suite import CASES as REAL_CASES
 from sim.proof.real.suite import real_cases
 from sim.proof.shared_cases import shared_cases
@@ -44,9 +46,14 @@ def _real(seed: int, cases: int) -> list[Batch]:
     return [batches[k] for k in np.random.default_rng(seed).permutation(len(batches))[:cases]]
 
 
+def _concealed(name: str) -> Callable[[int, int], list[Batch]]:
+    return lambda seed, cases: concealed(name, seed, cases)
+
+
 SUITES = {
     s.name: s
     for s in (
+        *(Suite(name, "the concealed world", count, _concealed(name)) for name, count in CONCEALED.items()),
         Suite("shared", "the eight open cases", 8, _shared),
         Suite("real", "real recordings with a channel withheld", REAL_CASES, _real),
     )

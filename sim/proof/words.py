@@ -11,7 +11,9 @@ from sim.proof.scoring.score import Row, SuiteScore
 HEADER = ("measure", "value", "95 % interval", "n", "target", "")
 ABOUT = {
     "shared": "the eight open cases (development, no evidence)",
-    "concealed": "concealed world, independent physics, six cells in series",
+    "quick": "a few concealed cases, as in `make test`",
+    "development": "concealed world, for development",
+    "exam": "concealed world, independent physics, six cells in series",
     "truth": "concealed world on PyBaMM",
     "real": "real recordings with a channel withheld",
 }

@@ -92,6 +92,8 @@ class Answer:
             return "unknown"
         if self.accept == (frozenset({NONE}),):
             return "null"
+        if len(self.truth) > 1:
+            return "several"
         return "single" if any(len(names) == 1 for names in self.accept) else "several"
 
     @property
