@@ -1,0 +1,21 @@
+"""The proof's quick part: a few concealed cases of a fixed seed, answered by the tool where there is one."""
+
+from __future__ import annotations
+
+from bhm_service.cli import cli
+from sim.proof.run import Request, prove
+from sim.proof.scoring.score import FALSE_ALARMS, PRECISION
+
+SEED, CASES = 4, 6
+
+
+def test_on_a_few_concealed_cases_nothing_is_claimed_of_a_null_and_most_effects_are_right(tmp_path):
+    answerer = "tool" if "explain" in cli.commands else "oracle"  # until `bhm explain` exists the harness itself
+    request = Request(suites=("quick",), seed=SEED, cases=CASES, answerer=answerer, output=tmp_path / "run")
+    (score,) = prove(request, lambda _: None, lambda *_: None).scores
+    rows = {row.name: row for row in score.rows}
+    assert rows[FALSE_ALARMS].n >= 1
+    assert rows[FALSE_ALARMS].value == 0.0
+    assert rows[PRECISION].n >= 1
+    assert rows[PRECISION].value > 0.5
+    assert rows["no answer at all"].value == 0.0
