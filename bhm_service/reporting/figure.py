@@ -15,14 +15,20 @@ from bhm_service.reporting.flights import Span, spans
 from bhm_service.units import Array, celsius
 
 COLOURS = {Model.CIRC: "#1f77b4", Model.CHEM: "#d95f02"}
-_FUSED, _MEASURED, _TRUTH = "#2a7f3f", "#222222", "#888888"
+MEASURED = "#222222"
+_FUSED, _TRUTH = "#2a7f3f", "#888888"
 _PANEL_PX = 230
 _GAP_S, _GAP_STEPS = 20.0, 4.0  # longer than both without a value, in seconds and usual steps, a line is broken
 
 
 def figure(pages: Replay, start_s: float) -> str:
-    """The figure as HTML (a div with its data; the library is not in it)."""
-    return str(build(pages, start_s).to_html(full_html=False, include_plotlyjs=False, config={"displaylogo": False}))
+    """The figure as HTML."""
+    return as_html(build(pages, start_s))
+
+
+def as_html(plot: Any) -> str:
+    """A plotly object as HTML (a div with its data; the library is not in it)."""
+    return str(plot.to_html(full_html=False, include_plotlyjs=False, config={"displaylogo": False}))
 
 
 def build(pages: Replay, start_s: float) -> Any:
@@ -39,7 +45,7 @@ def build(pages: Replay, start_s: float) -> Any:
     _voltage(plot, pages, minutes, 1)
     _charge(plot, pages, minutes, 2)
     _remaining(plot, pages, minutes, 3)
-    _line(plot, 4, pages.samples, minutes, lambda s: s.current_a, "current, measured", _MEASURED)
+    _line(plot, 4, pages.samples, minutes, lambda s: s.current_a, "current, measured", MEASURED)
     if warm:
         kelvin = [s for s in pages.samples if s.temperature_k is not None]
         _line(plot, 5, kelvin, minutes, lambda s: celsius(s.temperature_k), "temperature, measured", "#b2182b")
@@ -61,11 +67,12 @@ def build(pages: Replay, start_s: float) -> Any:
         hovermode="x unified",
         font={"family": "system-ui, sans-serif"},
     )
-    _legend_beside_each_panel(plot, len(panels))
+    legend_beside_each_panel(plot, len(panels))
     return plot
 
 
-def _legend_beside_each_panel(plot: Any, panels: int) -> None:
+def legend_beside_each_panel(plot: Any, panels: int) -> None:
+    """Each panel's lines named next to it."""
     for row in range(1, panels + 1):
         suffix = "" if row == 1 else str(row)
         top = plot.layout[f"yaxis{suffix}"].domain[1]
@@ -125,7 +132,7 @@ def _voltage(plot: Any, pages: Replay, minutes: Any, row: int) -> None:
         reach = 1.645 * np.array([e.voltage_expected_sd_v for e in seen])
         _band(plot, row, t, mean - reach, mean + reach, f"voltage, {model.value}, 90 % band", COLOURS[model])
         _line(plot, row, seen, minutes, _expected, f"voltage, {model.value}, one sample ahead", COLOURS[model])
-    _line(plot, row, pages.samples, minutes, lambda s: s.voltage_v, "voltage, measured", _MEASURED)
+    _line(plot, row, pages.samples, minutes, lambda s: s.voltage_v, "voltage, measured", MEASURED)
     refused = [e for found in pages.estimates.values() for e in found if e.rejected is not None]
     refused = [e for e in refused if e.voltage_measured_v is not None]
     if refused:

@@ -1,0 +1,197 @@
+"""An identified pack as rows of text; the terminal and the page show the same."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bhm_service.battery.battery_file import ModelName
+from bhm_service.battery.parameters import Parameter, parameters_of
+from bhm_service.identification.assess import Assessment, Error, step_resistance
+from bhm_service.identification.identify import Identified, ModelResult
+from bhm_service.units import SECONDS_PER_HOUR
+
+QUALITY_HEADER = ("recording", "", "model", "RMSE", "bias", "best possible")
+PARAMETER_HEADER = ("", "value", "± sd", "unit", "sd, covariance", "sd, bootstrap", "meaning")
+_EFFECT_BLOCKS = {
+    ("slow-diffusion", "resistance"): "slow_resistance",
+    ("slow-diffusion", "time_constant"): "slow_time",
+}
+_FACTOR = 0.5  # of a logarithm: a wider spread is told as a factor
+_NOT_TOLD = "not told"
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterRow:
+    """One number of a model."""
+
+    cells: tuple[str, ...]  # under `PARAMETER_HEADER`
+    told: bool  # the recordings say something of it
+
+
+@dataclass(frozen=True, slots=True)
+class SplitTable:
+    """Errors of one model: a row per recording, a column per part of it; None where a recording has none."""
+
+    model: ModelName
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, tuple[Error | None, ...]], ...]
+
+
+def headline(identified: Identified) -> list[str]:
+    """One sentence per model: how good, and how much of that is the model's structure."""
+    return [_headline(result) for result in identified.results]
+
+
+def _headline(result: ModelResult) -> str:
+    fitted = [a.whole.rmse for a in result.assessments if not a.held_out and a.whole.samples]
+    held = [a for a in result.assessments if a.held_out and a.whole.samples]
+    said = [f"{_millivolt(min(fitted))}-{_millivolt(max(fitted))} mV on the recordings of the fit"] if fitted else []
+    if held:
+        worst = max(held, key=lambda a: a.whole.rmse)
+        best = "" if worst.oracle is None else f" (a fit to it alone reaches {_millivolt(worst.oracle.rmse)} mV)"
+        said.append(f"at most {_millivolt(worst.whole.rmse)} mV on what was held out{best}")
+    if np.isfinite(result.unseen_v):
+        said.append(f"{_millivolt(result.unseen_v)} mV on pieces that no fit saw")
+    return f"{result.model}: {'; '.join(said)}"
+
+
+def subtitle(identified: Identified) -> str:
+    """The pack in a line."""
+    battery = identified.battery
+    amp_hours = float(np.asarray(identified.results[0].cell.capacity_c)) / SECONDS_PER_HOUR
+    series = f"{battery.series} cells in series" if battery.series and battery.series > 1 else "one cell"
+    return f"{series}, {amp_hours:.4g} Ah; all voltages and errors are of one cell"
+
+
+def quality(identified: Identified) -> list[tuple[str, ...]]:
+    """Rows under `QUALITY_HEADER`: every recording, every model."""
+    found: list[tuple[str, ...]] = []
+    for group in zip(*(r.assessments for r in identified.results), strict=True):
+        for number, (result, a) in enumerate(zip(identified.results, group, strict=True)):
+            found.append(
+                (
+                    a.label if number == 0 else "",
+                    ("held out" if a.held_out else "fitted") if number == 0 else "",
+                    result.model,
+                    f"{_millivolt(a.whole.rmse)} mV",
+                    f"{_millivolt(a.whole.bias, sign=True)} mV",
+                    "" if a.oracle is None else f"{_millivolt(a.oracle.rmse)} mV",
+                )
+            )
+    return found
+
+
+def splits(identified: Identified) -> list[SplitTable]:
+    """Where each model's error lies: by state of charge, by current, at rest and under load."""
+    return [_split(result) for result in identified.results]
+
+
+def _split(result: ModelResult) -> SplitTable:
+    names = [name for name, _ in _parts(result.assessments[0])]
+    rows = [
+        (a.label + (" *" if a.held_out else ""), tuple(e if e.samples else None for _, e in _parts(a)))
+        for a in result.assessments
+    ]
+    return SplitTable(result.model, tuple(names), tuple(rows))
+
+
+def _parts(assessment: Assessment) -> list[tuple[str, Error]]:
+    soc = [(name.removeprefix("SoC ").replace("%-", "-").replace("%", " %"), e) for name, e in assessment.by_soc]
+    return [*soc, *assessment.by_current]
+
+
+def parameters(result: ModelResult) -> list[ParameterRow]:
+    """Rows under `PARAMETER_HEADER`: every number of the cell and of its effects."""
+    rows = [_row(result, declared, result.cell, declared.name) for declared in parameters_of(type(result.cell))]
+    for joined in result.joined:
+        for declared in parameters_of(type(joined.effect)):
+            block = _EFFECT_BLOCKS.get((joined.effect.id, declared.name), declared.name)
+            rows.append(_row(result, declared, joined.effect, block))
+    return rows
+
+
+def _row(result: ModelResult, declared: Parameter, owner: object, block_name: str) -> ParameterRow:
+    value = float(np.asarray(getattr(owner, declared.name))) / declared.scale
+    unknowns = result.solution.problem.unknowns
+    block = next((b for b in unknowns.blocks if b.name == block_name and b.size == 1), None)
+    if block is None:
+        return ParameterRow(
+            (declared.symbol, f"{value:.4g}", "held", declared.unit, "", "", declared.meaning), told=True
+        )
+    k = unknowns.slice_of(block_name).start
+    # Of a number's own size; an effect's may be looked for in another unit than the file's.
+    inner = abs(float(block.outer(result.solution.x[k])))
+    own = 1.0 if block.log else 1.0 / max(inner, 1e-300)
+    by_covariance = float(np.sqrt(result.spread.covariance[k, k])) * own
+    by_bootstrap = float(result.spread.bootstrap_sd[k]) * own
+    larger = result.spread.sd(k) * own
+    told = block_name not in result.not_told
+    return ParameterRow(
+        (
+            declared.symbol,
+            f"{value:.4g}",
+            (_reach(larger, block.log) or f"{larger * abs(value):.2g}") if told else _NOT_TOLD,
+            declared.unit,
+            _reach(by_covariance, block.log) or f"{by_covariance:.1%}",
+            _reach(by_bootstrap, block.log) or f"{by_bootstrap:.1%}",
+            declared.meaning,
+        ),
+        told,
+    )
+
+
+def _reach(spread: float, log: bool) -> str | None:
+    """A spread too wide for plus and minus, as a factor."""
+    if not log or spread <= _FACTOR:
+        return None
+    return f"x/÷ {np.exp(spread):.1f}" if spread < 4.0 else "any size"
+
+
+def open_questions(result: ModelResult) -> list[str]:
+    """What the recordings leave open of a model."""
+    names = {p.name: p.symbol for p in parameters_of(type(result.cell))}
+    found = []
+    if result.not_told:
+        listed = ", ".join(names.get(n, n) for n in result.not_told)
+        found.append(f"not told by these recordings, so left where it was assumed: {listed}")
+    found += [
+        f"{names.get(a, a)} and {names.get(b, b)} are not told apart: only their combination is "
+        f"(correlation {share:+.2f})"
+        for a, b, share in result.spread.alike
+    ]
+    return found
+
+
+def resistance(identified: Identified) -> list[str]:
+    """The resistance at load steps beside each model's own at the same steps."""
+    if identified.step_ohm is None:
+        return ["no step of the current: nothing to check the resistance against"]
+    median, spread, count = identified.step_ohm
+    found = [f"measured at {count} steps of the current: {_milliohm(median)} ± {_milliohm(spread)} mOhm a cell"]
+    for result in identified.results:
+        fitted = [a for a in result.assessments if not a.held_out]
+        seen = step_resistance([a.experiment for a in fitted])
+        own = step_resistance([replace(a.experiment, voltage_v=a.modelled_v) for a in fitted])
+        if seen is not None and own is not None:
+            found.append(
+                f"{result.model} at the steps of the fit: {_milliohm(own[0])} mOhm, measured there "
+                f"{_milliohm(seen[0])} mOhm ({own[0] / seen[0] - 1.0:+.0%})"
+            )
+    return found
+
+
+def _millivolt(volts: float, *, sign: bool = False) -> str:
+    if not np.isfinite(volts):
+        return "-"
+    return f"{1e3 * volts:+.1f}" if sign else f"{1e3 * volts:.1f}"
+
+
+def error_text(error: Error | None) -> str:
+    """An error's RMSE in millivolt; a dash where there is nothing."""
+    return "-" if error is None else _millivolt(error.rmse)
+
+
+def _milliohm(ohm: float) -> str:
+    return f"{1e3 * ohm:.3g}"
