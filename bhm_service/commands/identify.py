@@ -26,6 +26,8 @@ from bhm_service.identification.flights import identify_flights
 from bhm_service.identification.identify import Identified, Ocv, Request, identify, steps
 from bhm_service.identification.solve import Method
 from bhm_service.mavlink.log import Log, read_log
+from bhm_service.reporting.identified_page import identified_page
+from bhm_service.reporting.identified_terminal import identified_tables
 
 Said: TypeAlias = Callable[[str], None]
 
@@ -113,12 +115,16 @@ def identify_pack(task: Task) -> None:
     out, err = Console(width=_WIDTH, highlight=False), Console(stderr=True, width=_WIDTH, highlight=False)
     if not task.output.parent.is_dir():
         raise BadInputError(str(task.output), "its folder does not exist")
+    if task.report is not None and not task.report.parent.is_dir():
+        raise BadInputError(str(task.report), "its folder does not exist")
     with _bar(err) as (said, total):
         benches, identified = (_from_flights if task.flights else _from_bench)(task, said, total)
     write_battery(task.output, identified.battery)
     _show_recordings(out, benches)
     _show(out, identified)
-    out.print(f"written: {task.output}", markup=False)
+    page = _page(task.report, task.output)
+    page.write_text(identified_page(identified), encoding="utf-8")
+    out.print(f"written: {task.output}, {page}", markup=False)
 
 
 def _request(task: Task, benches: Sequence[Bench], source: str, series: int) -> Request:
@@ -243,20 +249,16 @@ def _by_remark(benches: Sequence[Bench]) -> dict[str, list[str]]:
 
 
 def _show(out: Console, identified: Identified) -> None:
-    for remark in identified.remarks:
-        out.print(remark, markup=False)
-    for result in identified.results:
-        for remark in result.remarks:
-            out.print(f"{result.model}: {remark}", markup=False)
-        if result.not_told:
-            out.print(f"{result.model}: not told by these recordings: {', '.join(result.not_told)}", markup=False)
-        heads = ("recording", "rmse", "bias", "best possible")
-        table = _table(f"{result.model}: voltage error of a cell above 10 % SoC", heads)
-        for a in result.assessments:
-            best = "" if a.oracle is None else f"{1e3 * a.oracle.rmse:.1f} mV"
-            label = f"{a.label} (held out)" if a.held_out else a.label
-            table.add_row(label, f"{1e3 * a.whole.rmse:.1f} mV", f"{1e3 * a.whole.bias:.1f} mV", best)
-        out.print(table)
+    for shown in identified_tables(identified):
+        out.print(shown)
+
+
+def _page(report: Path | None, output: Path) -> Path:
+    """Where the page goes: to the file or into the folder that was named, else beside the battery file."""
+    name = output.with_suffix(".html").name
+    if report is None:
+        return output.with_name(name)
+    return report / name if report.is_dir() else report
 
 
 def _table(title: str, heads: Sequence[str]) -> Table:

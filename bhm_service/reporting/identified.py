@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,8 +10,9 @@ import numpy as np
 from bhm_service.battery.battery_file import ModelName
 from bhm_service.battery.parameters import Parameter, parameters_of
 from bhm_service.identification.assess import Assessment, Error, step_resistance
+from bhm_service.identification.families import Extras
 from bhm_service.identification.identify import Identified, ModelResult
-from bhm_service.units import SECONDS_PER_HOUR
+from bhm_service.units import SECONDS_PER_HOUR, Value
 
 QUALITY_HEADER = ("recording", "", "model", "RMSE", "bias", "best possible")
 PARAMETER_HEADER = ("", "value", "± sd", "unit", "sd, covariance", "sd, bootstrap", "meaning")
@@ -20,6 +22,7 @@ _EFFECT_BLOCKS = {
 }
 _FACTOR = 0.5  # of a logarithm: a wider spread is told as a factor
 _NOT_TOLD = "not told"
+_CAPACITY = "capacity"  # the block, where flights tell the capacity; c_max and q_max follow it
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +50,7 @@ def headline(identified: Identified) -> list[str]:
 def _headline(result: ModelResult) -> str:
     fitted = [a.whole.rmse for a in result.assessments if not a.held_out and a.whole.samples]
     held = [a for a in result.assessments if a.held_out and a.whole.samples]
-    said = [f"{_millivolt(min(fitted))}-{_millivolt(max(fitted))} mV on the recordings of the fit"] if fitted else []
+    said = [f"{_span(fitted)} mV on the recordings of the fit"] if fitted else []
     if held:
         worst = max(held, key=lambda a: a.whole.rmse)
         best = "" if worst.oracle is None else f" (a fit to it alone reaches {_millivolt(worst.oracle.rmse)} mV)"
@@ -68,19 +71,28 @@ def subtitle(identified: Identified) -> str:
 def quality(identified: Identified) -> list[tuple[str, ...]]:
     """Rows under `QUALITY_HEADER`: every recording, every model."""
     found: list[tuple[str, ...]] = []
-    for group in zip(*(r.assessments for r in identified.results), strict=True):
-        for number, (result, a) in enumerate(zip(identified.results, group, strict=True)):
+    for group in recordings(identified):
+        for number, (model, a) in enumerate(group):
             found.append(
                 (
                     a.label if number == 0 else "",
                     ("held out" if a.held_out else "fitted") if number == 0 else "",
-                    result.model,
+                    model,
                     f"{_millivolt(a.whole.rmse)} mV",
                     f"{_millivolt(a.whole.bias, sign=True)} mV",
                     "" if a.oracle is None else f"{_millivolt(a.oracle.rmse)} mV",
                 )
             )
     return found
+
+
+def recordings(identified: Identified) -> list[list[tuple[ModelName, Assessment]]]:
+    """Every recording with the models that were judged on it; a model may have left one out."""
+    found: dict[str, list[tuple[ModelName, Assessment]]] = {}
+    for result in identified.results:
+        for a in result.assessments:
+            found.setdefault(a.label, []).append((result.model, a))
+    return list(found.values())
 
 
 def splits(identified: Identified) -> list[SplitTable]:
@@ -104,16 +116,27 @@ def _parts(assessment: Assessment) -> list[tuple[str, Error]]:
 
 def parameters(result: ModelResult) -> list[ParameterRow]:
     """Rows under `PARAMETER_HEADER`: every number of the cell and of its effects."""
-    rows = [_row(result, declared, result.cell, declared.name) for declared in parameters_of(type(result.cell))]
+    blocks = [b.name for b in result.solution.problem.unknowns.blocks]
+    rows = []
+    for declared in parameters_of(type(result.cell)):
+        follows = declared.name in ("c_max", "q_max") and _CAPACITY in blocks
+        rows.append(
+            _row(result, declared, getattr(result.cell, declared.name), _CAPACITY if follows else declared.name)
+        )
     for joined in result.joined:
         for declared in parameters_of(type(joined.effect)):
             block = _EFFECT_BLOCKS.get((joined.effect.id, declared.name), declared.name)
-            rows.append(_row(result, declared, joined.effect, block))
+            rows.append(_row(result, declared, getattr(joined.effect, declared.name), block))
+    shown = {p.name for p in parameters_of(type(result.cell))} | {_CAPACITY, *Extras.names}
+    for scale in result.solution.problem.unknowns.blocks:
+        if scale.log and scale.size == 1 and scale.name not in shown:
+            declared = Parameter(scale.name, scale.name, "1", 0.0, np.inf, "times that of the known cell")
+            rows.append(_row(result, declared, float(result.solution.values[scale.name][0, 0]), scale.name))
     return rows
 
 
-def _row(result: ModelResult, declared: Parameter, owner: object, block_name: str) -> ParameterRow:
-    value = float(np.asarray(getattr(owner, declared.name))) / declared.scale
+def _row(result: ModelResult, declared: Parameter, in_si: Value, block_name: str) -> ParameterRow:
+    value = float(np.asarray(in_si)) / declared.scale
     unknowns = result.solution.problem.unknowns
     block = next((b for b in unknowns.blocks if b.name == block_name and b.size == 1), None)
     if block is None:
@@ -180,6 +203,11 @@ def resistance(identified: Identified) -> list[str]:
                 f"{_milliohm(seen[0])} mOhm ({own[0] / seen[0] - 1.0:+.0%})"
             )
     return found
+
+
+def _span(errors: Sequence[float]) -> str:
+    low, high = _millivolt(min(errors)), _millivolt(max(errors))
+    return low if low == high else f"{low}-{high}"
 
 
 def _millivolt(volts: float, *, sign: bool = False) -> str:

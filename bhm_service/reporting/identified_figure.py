@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from plotly.subplots import make_subplots
 
+from bhm_service.battery.battery_file import ModelName
 from bhm_service.identification.assess import ABOVE_SOC, Assessment
 from bhm_service.identification.experiment import Kind
 from bhm_service.identification.identify import Identified, ModelResult
@@ -22,9 +24,8 @@ _STEP = 1e-5
 _LINE = 1.2
 
 
-def experiment_figure(identified: Identified, number: int) -> Any:
+def experiment_figure(by_model: Sequence[tuple[ModelName, Assessment]]) -> Any:
     """Voltage, state of charge and residual of one recording (the paper's Figs. 16-24) as a plotly object."""
-    by_model = [(r.model, r.assessments[number]) for r in identified.results]
     measured = by_model[0][1].experiment
     span = float(measured.time_s[-1])
     unit, per = ("h", SECONDS_PER_HOUR) if span > 2.0 * SECONDS_PER_HOUR else ("min", 60.0)

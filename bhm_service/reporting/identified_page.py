@@ -5,7 +5,7 @@ from __future__ import annotations
 from jinja2 import Environment, PackageLoader, select_autoescape
 from plotly.offline import get_plotlyjs
 
-from bhm_service.identification.identify import Identified, Request
+from bhm_service.identification.identify import Identified
 from bhm_service.reporting.figure import as_html
 from bhm_service.reporting.identified import (
     PARAMETER_HEADER,
@@ -15,6 +15,7 @@ from bhm_service.reporting.identified import (
     open_questions,
     parameters,
     quality,
+    recordings,
     resistance,
     splits,
     subtitle,
@@ -24,7 +25,7 @@ from bhm_service.reporting.identified_figure import curve_figure, experiment_fig
 _FULL_TINT_V = 0.04  # an error this large is tinted fully
 
 
-def identified_page(identified: Identified, request: Request) -> str:
+def identified_page(identified: Identified) -> str:
     """The page as HTML."""
     environment = Environment(loader=PackageLoader("bhm_service.reporting"), autoescape=select_autoescape())
     models = [
@@ -47,23 +48,23 @@ def identified_page(identified: Identified, request: Request) -> str:
         }
         for table in splits(identified)
     ]
-    recordings = identified.results[0].assessments
+    groups = recordings(identified)
+    assessed = [a for group in groups for _, a in group]
     return environment.get_template("identified.html").render(
         title=f"{identified.battery.name}: identified",
         subtitle=subtitle(identified),
-        source=request.source,
-        method="the paper's Nelder-Mead" if request.method == "nelder-mead" else "bounded trust-region least squares",
+        source=identified.battery.source,
         headline=headline(identified),
         quality_header=QUALITY_HEADER,
         quality=quality(identified),
-        held_out=any(a.held_out for a in recordings),
-        oracle=any(a.oracle is not None for a in recordings),
+        held_out=any(a.held_out for a in assessed),
+        oracle=any(a.oracle is not None for a in assessed),
         models=models,
         parameter_header=PARAMETER_HEADER,
         resistance=resistance(identified),
         remarks=identified.remarks,
         splits=tables,
         curve=as_html(curve_figure(identified)),
-        figures=[(title(a), as_html(experiment_figure(identified, k))) for k, a in enumerate(recordings)],
+        figures=[(title(group[0][1]), as_html(experiment_figure(group))) for group in groups],
         plotly_js=get_plotlyjs(),
     )

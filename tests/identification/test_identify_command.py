@@ -33,6 +33,26 @@ def test_a_fast_discharge_alone_gives_a_battery_file_that_reads_back(tmp_path: P
     assert battery.chem is None
     assert "no slow discharge" in said
     assert "columns: time from time_s" in said
+    assert "Parameters, circ" in said
+    assert "mine: identified" in (tmp_path / "mine.html").read_text(encoding="utf-8")
+
+
+@needs_cases
+def test_the_page_goes_where_it_is_wanted(tmp_path: Path) -> None:
+    run(
+        "--one-c", CASES / "null/lab/one_c.csv.gz", "--series", "6", "--model", "circ", "--method", "nelder-mead",
+        "-o", tmp_path / "mine.toml", "--report", tmp_path / "page.html",
+    )  # fmt: skip
+    assert (tmp_path / "page.html").is_file()
+    assert not (tmp_path / "mine.html").exists()
+
+
+def test_a_page_for_which_there_is_no_folder_is_refused_before_the_work(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match="its folder does not exist"):
+        run(
+            "--slow", tmp_path / "slow.csv", "--series", "6", "-o", tmp_path / "out.toml",
+            "--report", tmp_path / "absent" / "page.html",
+        )  # fmt: skip
 
 
 def test_an_option_takes_several_files_and_one_that_is_not_there_is_named(tmp_path: Path) -> None:
@@ -56,7 +76,7 @@ def test_flights_alone_need_neither_cells_nor_capacity_told(data: Path, tmp_path
     assert battery.series == 4
     assert battery.circ is not None
     assert "4.0 Ah, from BATT_CAPACITY" in said
-    assert "not told by these recordings: capacity" in said
+    assert "so left where it was assumed: capacity" in said
 
 
 def test_flights_and_bench_recordings_do_not_mix(tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ def done():
         experiments=recordings[:2], held_out=recordings[2:], oracle=True, series=6, models=("circ",),
         method="nelder-mead", name="<bench> & pack",
     )  # fmt: skip
-    return identify(request), request
+    return identify(request)
 
 
 def printed(identified):
@@ -41,14 +41,14 @@ def printed(identified):
 
 
 def test_terminal_stays_within_a_hundred_columns_and_cuts_nothing_off(done):
-    text = printed(done[0])
+    text = printed(done)
     assert max(len(line) for line in text.splitlines()) <= 100
     assert "…" not in text
     assert "RMSE [mV]" in text  # not taken for markup
 
 
 def test_terminal_survives_names_as_long_as_a_path(done):
-    identified = done[0]
+    identified = done
     (result,) = identified.results
     long = tuple(replace(a, label="discharge_" * 9 + "25degC.csv.gz") for a in result.assessments)
     text = printed(replace(identified, results=(replace(result, assessments=long),)))
@@ -57,39 +57,39 @@ def test_terminal_survives_names_as_long_as_a_path(done):
 
 
 def test_page_needs_nothing_else(done):
-    page = identified_page(*done)
+    page = identified_page(done)
     outside = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
     assert not re.findall(r'(?:src|href)="', outside)
     assert "&lt;bench&gt; &amp; pack" in outside
 
 
 def test_page_and_terminal_show_every_recording_and_what_was_held_out(done):
-    page, text = identified_page(*done), printed(done[0])
+    page, text = identified_page(done), printed(done)
     for shown in (page, text):
         for label in ("slow", "one-C", "variable", "held out", "best possible"):
             assert label in shown
-    assert [row[1] for row in quality(done[0])] == ["fitted", "fitted", "held out"]
+    assert [row[1] for row in quality(done)] == ["fitted", "fitted", "held out"]
 
 
 def test_errors_shown_are_those_of_the_voltages_drawn(done):
-    a = done[0].results[0].assessments[1]
+    a = done.results[0].assessments[1]
     good = a.experiment.measured & (a.soc > 0.1)
     rmse = np.sqrt(np.mean((a.modelled_v - a.experiment.voltage_v)[good] ** 2))
-    assert quality(done[0])[1][3] == f"{1e3 * rmse:.1f} mV"
-    assert "a fit to it alone reaches" in headline(done[0])[0]
+    assert quality(done)[1][3] == f"{1e3 * rmse:.1f} mV"
+    assert "a fit to it alone reaches" in headline(done)[0]
 
 
 def test_every_parameter_of_the_cell_has_its_spread_or_says_why_not(done):
-    rows = {row.cells[0]: row for row in parameters(done[0].results[0])}
+    rows = {row.cells[0]: row for row in parameters(done.results[0])}
     assert list(rows) == ["C_max", "R_s", "R_sp0", "R_sp1", "R_sp2", "C_sp"]
     assert rows["C_max"].cells[2] == "held"
     assert all(row.cells[2] for row in rows.values())
-    sd = done[0].battery.sd["circ"]["r_s"]
+    sd = done.battery.sd["circ"]["r_s"]
     assert rows["R_s"].cells[2] == f"{sd:.2g}"
 
 
 def test_a_number_that_was_not_told_carries_no_standard_deviation(done):
-    result = done[0].results[0]
+    result = done.results[0]
     untold = replace(result, not_told=("r_s",))
     row = next(row for row in parameters(untold) if row.cells[0] == "R_s")
     assert not row.told
@@ -97,12 +97,12 @@ def test_a_number_that_was_not_told_carries_no_standard_deviation(done):
 
 
 def test_step_resistance_stands_beside_the_models_own(done):
-    measured, own = resistance(done[0])
+    measured, own = resistance(done)
     assert measured.startswith("measured at 2 steps")
     assert own.startswith("circ at the steps of the fit")
 
 
 def test_curve_is_known_best_where_recordings_were(done):
-    volts, sd = open_circuit(done[0].results[0])
+    volts, sd = open_circuit(done.results[0])
     assert np.all(np.diff(volts) > 0.0)
     assert 0.0 < float(np.median(sd)) < 0.01
