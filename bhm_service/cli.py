@@ -69,6 +69,25 @@ def run(links: tuple[str, ...], config: Path | None, vehicle: Path | None, batte
     sys.exit(run_service(links, config, vehicle, battery))
 
 
+@cli.command()
+@click.option("--link", "links", multiple=True, metavar="URL", help="As for run; the service file's if not given.")
+@click.option("--config", type=_FILE, help="Service file.")
+@click.option("--vehicle", type=_FILE, help="Vehicle file; the service file's if not given.")
+@click.option("--battery", type=_FILE, help="Battery file; the service or vehicle file's if not given.")
+@click.option("--seconds", type=click.FloatRange(0.0, 600.0), default=10.0, show_default=True,
+              help="How long to listen to the vehicle; 0 looks at the computer only.")  # fmt: skip
+def doctor(
+    links: tuple[str, ...], config: Path | None, vehicle: Path | None, battery: Path | None, seconds: float
+) -> None:
+    """Look at this computer and at the vehicle on its links: what is wrong, and how to mend it.
+
+    Stop the service first: a serial port serves one program at a time.
+    """
+    from bhm_service.commands.doctor import examine
+
+    sys.exit(examine(links, config, vehicle, battery, seconds))
+
+
 class _Several(click.Command):
     """An option that may be repeated also takes several values: ``--rate *.csv``."""
 

@@ -90,6 +90,10 @@ class FrameEncoder:
         """Ask for a group of messages in the old way (REQUEST_DATA_STREAM)."""
         return self._pack(ENUM.MAVLink_request_data_stream_message(system, component, stream, hertz, 1))
 
+    def request_parameter(self, system: int, component: int, name: str) -> bytes:
+        """Ask an autopilot for one of its settings (PARAM_REQUEST_READ)."""
+        return self._pack(ENUM.MAVLink_param_request_read_message(system, component, name.encode("ascii"), -1))
+
     # ---- an autopilot's messages, for logs that hold none -------------------------------------------------------
 
     def autopilot_heartbeat(self, heartbeat: Heartbeat) -> bytes:

@@ -116,6 +116,12 @@ def test_a_key_that_others_may_use_is_refused_with_the_remedy(key_file, mode):
         read_key(key_file)
 
 
+def test_a_key_that_systemd_hands_over_is_guarded_by_systemd(key_file, monkeypatch):
+    key_file.chmod(0o440)
+    monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(key_file.parent))
+    assert read_key(key_file) == KEY
+
+
 @pytest.mark.parametrize("content", [b"", b"secret", KEY[:31], KEY.hex()[:-1].encode(), b"\xff" * 64])
 def test_what_is_no_key_is_refused_with_the_remedy(key_file, content):
     key_file.write_bytes(content)
