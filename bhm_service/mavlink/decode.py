@@ -208,7 +208,7 @@ def _mission_item(f: dict[str, Any], time_s: float, source: tuple[int, int], kin
     if f.get("mission_type", 0) != ENUM.MAV_MISSION_TYPE_MISSION:
         return []
     scale = 1e7 if isinstance(f["x"], int) else 1.0
-    placed = f["x"] != 0 or f["y"] != 0
+    placed = (f["x"] != 0 or f["y"] != 0) and math.isfinite(f["x"]) and math.isfinite(f["y"])
     return [
         MissionItem(
             time_s=time_s,

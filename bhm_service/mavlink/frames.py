@@ -53,8 +53,10 @@ class FrameSplitter:
                 message_id, source = buffer[at + 5], (buffer[at + 3], buffer[at + 4])
             if end > size:
                 break
-            if not checksum_holds(buffer, at, message_id):
-                # Either damage, or a kind that the dialect does not know: the next head is looked for inside it.
+            strange = magic == _V2 and buffer[at + 2] & ~_SIGNED
+            if strange or not checksum_holds(buffer, at, message_id):
+                # Damage, a kind that the dialect does not know, or a flag of a protocol to come, of which one has to
+                # keep one's hands off: the next head is looked for inside it.
                 self.bad_checksums += 1
                 at += 1
                 continue

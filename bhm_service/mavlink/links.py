@@ -297,7 +297,7 @@ class Links:
         return False
 
     def _take(self, link: _Link, frame: WireFrame, now: float) -> None:
-        if frame.message_id not in WANTED or self._is_ours(frame):
+        if frame.message_id not in WANTED:
             return
         if any(raw == frame.raw and now - when < _DUPLICATE_S for when, raw in link.recent):
             link.duplicates += 1
@@ -312,9 +312,6 @@ class Links:
             self._bearers[frame.message_id] = (link.number, now)
             for message in messages:
                 self._say(link, message)
-
-    def _is_ours(self, frame: WireFrame) -> bool:
-        return frame.source == (self.encoder.system, self._component)
 
     def _notice(self, link: _Link, frame: WireFrame, messages: Sequence[Message], now: float) -> None:
         """What a message of the vehicle tells of the link that it came by."""

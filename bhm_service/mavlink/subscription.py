@@ -71,7 +71,7 @@ class Subscription:
             asked_before = watch.wait_s > 0.0
             if asked_before and (span < watch.wait_s or (watch.heard > 0 and span < _WINDOW_S)):
                 continue
-            if asked_before and watch.heard > 0 and watch.heard >= _ENOUGH * RATE_HZ * span:
+            if asked_before and watch.heard >= _ENOUGH * RATE_HZ * span:
                 watch.asked, watch.wait_s = 0, _SILENT_S
             else:
                 late.append(message_id)

@@ -3,6 +3,7 @@ import random
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mavlink.frames import Sender, battery_status, heartbeat, sys_status
+from mavlink.fuzzing import checksummed
 
 from bhm_service.mavlink.frames import FrameSplitter
 
@@ -53,3 +54,12 @@ def test_noise_raises_nothing_and_is_not_kept(noise):
     splitter = FrameSplitter()
     splitter.feed(noise)
     assert len(splitter._left) <= 280
+
+
+def test_a_frame_with_a_flag_that_is_not_known_is_not_read():
+    """The protocol says so: such a frame may be laid out in another way."""
+    frame = bytearray(stream(1)[0])
+    frame[2] = 0x02
+    frame = checksummed(bytes(frame))
+    assert FrameSplitter().feed(checksummed(stream(1)[0])) != []
+    assert FrameSplitter().feed(frame + bytes(300)) == []

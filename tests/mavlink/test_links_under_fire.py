@@ -12,8 +12,9 @@ from mavlink.wire import free_port, statuses
 
 from bhm_service.mavlink.dialect import mavlink
 from bhm_service.mavlink.encode import FrameEncoder
+from bhm_service.mavlink.frames import FrameSplitter
 from bhm_service.mavlink.links import Links
-from bhm_service.mavlink.transport import LinkUrl, transport_of
+from bhm_service.mavlink.transport import LinkUrl, UdpTransport, transport_of
 from bhm_service.messages import AutopilotClock, BatteryStatus, Heartbeat, LinkStatus, NamedValue
 from sim.command import Options, vehicle_of
 
@@ -109,15 +110,17 @@ def test_rates_that_another_program_took_away_are_asked_for_again(world):
 
 
 def frames(data):
-    from bhm_service.mavlink.frames import FrameSplitter
-
     return FrameSplitter().feed(data)
 
 
-def test_after_a_reboot_rates_are_asked_for_at_once_and_its_clock_starts_anew(world):
-    one = world(reboot=(30.0,))
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_after_a_reboot_rates_are_asked_for_again_and_its_clock_starts_anew(world, autopilot):
+    one = world(reboot=(30.0,), autopilot=autopilot)
     before = one.run(29.5)
-    after = one.run(8.0)
+    after = one.run(5.0)
+    if autopilot == "px4":  # whose clock comes unasked
+        assert one.links.reports[0].requests == 16
+    after += one.run(3.0)
     assert max(m.boot_s for m in of(before, AutopilotClock)) > 25.0
     assert min(m.boot_s for m in of(after, AutopilotClock)) < 5.0
     assert len(of(one.run(10.0), BatteryStatus)) >= 9
@@ -262,3 +265,48 @@ def test_with_two_links_each_message_counts_once_and_the_other_takes_over():
     finally:
         links.close()
         vehicle.close()
+
+
+def test_a_peer_that_fell_silent_is_told_nothing_more():
+    """pymavlink's udpin goes on sending to every address that it ever heard."""
+    clock, port = [0.0], free_port(socket.SOCK_DGRAM)
+    transport = UdpTransport(LinkUrl.parse(f"udpin:127.0.0.1:{port}"), clock=lambda: clock[0])
+    transport.open()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
+        peer.settimeout(0.2)
+        peer.connect(("127.0.0.1", port))
+        peer.send(b"hello")
+        assert [data for _, data in transport.receive()] == [b"hello"]
+        transport.send(b"one")
+        assert peer.recv(100) == b"one"
+        clock[0] = 60.0
+        transport.send(b"two")
+        with pytest.raises(TimeoutError):
+            peer.recv(100)
+    transport.close()
+
+
+def test_a_stream_that_nobody_reads_loses_whole_frames_and_says_how_many(tmp_path):
+    listener = socket.create_server(("127.0.0.1", 0))
+    links = Links([f"tcp:127.0.0.1:{listener.getsockname()[1]}"])
+    frame = links.encoder.companion_heartbeat()
+    try:
+        peer = None
+        while peer is None or links.reports[0].opened == 0:
+            links.poll(0.01)
+            peer = peer or listener.accept()[0]
+        for _ in range(400_000):
+            links.send(frame)
+            if links.reports[0].lost_out > 100:
+                break
+        assert links.reports[0].lost_out > 100
+        splitter, last = FrameSplitter(), 0
+        peer.settimeout(0.5)
+        while last < links.reports[0].frames_out - links.reports[0].lost_out:
+            last += len(splitter.feed(peer.recv(1 << 20)))
+            links.poll(0.0)
+        assert splitter.stray_bytes == splitter.bad_checksums == 0
+        peer.close()
+    finally:
+        links.close()
+        listener.close()
