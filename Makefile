@@ -26,6 +26,7 @@ bench: $(VENV)/.ready-bench
 ANSWERER ?= tool
 PROOF := $(VENV)/proof/$(shell date -u +%Y%m%d-%H%M%S)
 prove: $(VENV)/.ready-truth
+	$(BIN)/pytest tests/proofs -o addopts="-q --import-mode=importlib"
 	$(BIN)/bhm prove --suite exam --suite truth --suite real --jobs 2 --answerer $(ANSWERER) -o $(PROOF); \
 	status=$$?; \
 	if [ $(ANSWERER) = tool ] && [ -f $(PROOF)/score.json ]; then $(BIN)/python -m sim.proof.readme $(PROOF) README.md; fi; \
