@@ -11,7 +11,7 @@ CLASSES = ((15.0, "> 15"), (5.0, "5-15"), (3.0, "3-5"), (0.0, "< 3"))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Regime:
-    """Where an effect moves a recorded channel by more than one standard deviation of its noise."""
+    """Where an effect moves a recorded channel by a standard deviation of its noise (if ever it does so much)."""
 
     flight: int
     start_s: float  # since the log's first message

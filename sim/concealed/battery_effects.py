@@ -139,7 +139,8 @@ def _contact_resistance(scene: Scene, milliohm: float) -> None:
 
 def _deep(scene: Scene) -> None:
     land = scene.knobs.demand.land_soc.copy()
-    land[::2] = scene.rng.uniform(0.13, 0.20, len(land[::2]))
+    low, high = (0.13, 0.20) if scene.sheet.world == "ladder" else (0.22, 0.28)
+    land[::2] = scene.rng.uniform(low, high, len(land[::2]))
     scene.demand(land_soc=land)
 
 
@@ -192,7 +193,8 @@ def _resistance_shape(scene: Scene, more: float) -> None:
 
 
 def _intermittent(scene: Scene, milliohm: float) -> None:
-    chosen = sorted(scene.rng.choice(scene.flights, size=int(scene.rng.integers(1, 3)), replace=False))
+    shown = [f for f in range(scene.flights) if f != scene.sheet.kept_back]
+    chosen = sorted(scene.rng.choice(shown, size=min(int(scene.rng.integers(1, 3)), len(shown)), replace=False))
     steps: list[ContactStep] = []
     for flight in map(int, chosen):
         start = float(np.round(scene.rng.uniform(150.0, 400.0)))

@@ -121,6 +121,9 @@ class Electrics:
         self.charge_c = 3600.0 * pack.capacity_ah * pack.capacity * k.capacity * cold
         slope = np.interp(self.z, GRID, pack.entropy_v_per_k) * k.entropy
         self._entropy_v, self._entropy_heat_v = slope * (core_c - 25.0), slope * kelvin
+        self._unmixed_v = self._lookup(self._flat_ocv, self.z) - self._surface_v()
+        if self._has_hysteresis:
+            self._unmixed_v = self._unmixed_v + k.hysteresis_v * self.turned
         depletion = pack.depletion_s / speed / self.charge_c
         self._gain = np.stack(
             [
@@ -148,8 +151,10 @@ class Electrics:
         lost: Array = self.elements[3:].sum(axis=0)
         if self._has_hysteresis:
             lost = lost + self.knobs.hysteresis_v * self.turned
-        surface = self.z - self.elements[_LADDER].sum(axis=0)
-        return self._lookup(self._flat_ocv, surface) + self._entropy_v - lost
+        return self._surface_v() + self._entropy_v - lost
+
+    def _surface_v(self) -> Array:
+        return self._lookup(self._flat_ocv, self.z - self.elements[_LADDER].sum(axis=0))
 
     def source(self, contact_ohm: Array) -> tuple[Array, Array]:
         """Voltage behind the resistance, and the resistance, of the pack (L,)."""
@@ -174,7 +179,8 @@ class Electrics:
             self.turned = np.clip(self.turned + turn * np.where(turn > 0.0, 1.0 - self.turned, self.turned), 0.0, 1.0)
         rate = np.maximum(np.abs(i) / self.pack.capacity_ah, 1.0)
         self.z = self.z - flow * rate ** (self.knobs.rate_exponent - 1.0)
-        heat: Array = i * (self.elements[_ELECTROLYTE:].sum(axis=0) + i * self.ohmic - self._entropy_heat_v)
+        lost = self.elements[_ELECTROLYTE:].sum(axis=0) + self._unmixed_v
+        heat: Array = i * (lost + i * self.ohmic - self._entropy_heat_v)
         self.heat_j += heat * self.dt
         return heat
 

@@ -48,7 +48,8 @@ def _plain(sheet: CaseSheet, pack: Pack) -> Knobs:
     n = sheet.flights
     if sheet.rich:
         plans = tuple(rng.permutation([("legs", "shuttle", "hover")[k % 3] for k in range(n)]).tolist())
-        land = rng.permutation(np.linspace(0.20, 0.55, n))
+        # The second world's cells cannot be stepped past empty.
+        land = rng.permutation(np.linspace(0.20 if sheet.world == "ladder" else 0.32, 0.55, n))
     else:
         plans = (str(rng.choice(["hover", "legs"])),) * n
         land = rng.uniform(0.38, 0.46, n)
@@ -153,10 +154,12 @@ def _gust_w(flown: Flown) -> float:
     return float(np.median(found))
 
 
-def _shown(flown: Flown, quality: Quality, pack: Pack, difference: list[Array]) -> list[Shown]:
+def _shown(sheet: CaseSheet, flown: Flown, quality: Quality, pack: Pack, difference: list[Array]) -> list[Shown]:
     out = []
     ohm = float(pack.ohmic.sum())
     for f, delta in enumerate(difference):
+        if f == sheet.kept_back:
+            continue
         begin, end = int(flown.load.plan.begins[f]), int(flown.ends[f])
         at = np.arange(begin, end, SECOND)
         spectrum = quality.spectrum(len(delta)) + (ohm * quality.white_a) ** 2
@@ -165,11 +168,17 @@ def _shown(flown: Flown, quality: Quality, pack: Pack, difference: list[Array]) 
 
 
 def _regimes(difference: list[Array], deviation: float) -> tuple[Regime, ...]:
-    found = []
-    for flight, delta in enumerate(difference):
-        smooth = np.convolve(delta, np.ones(5) / 5.0, mode="same")
-        found += [Regime(flight=flight, start_s=a, end_s=b) for a, b in ranges(np.abs(smooth) > deviation)]
-    return tuple(found)
+    """Where an effect moves the recording by a standard deviation of its noise, or, where it never does, by more than
+    half of what it does at its strongest.
+    """
+    smooth = [np.abs(np.convolve(delta, np.ones(5) / 5.0, mode="same")) for delta in difference]
+    strongest = float(np.quantile(np.concatenate(smooth), 0.98))
+    least = min(deviation, 0.5 * strongest)
+    return tuple(
+        Regime(flight=flight, start_s=a, end_s=b)
+        for flight, size in enumerate(smooth)
+        for a, b in ranges(size > max(least, 1e-9))
+    )
 
 
 def _effects(
@@ -184,8 +193,9 @@ def _effects(
     together = 0.0
     for which in range(len(twins)):
         delta = _difference(laid.knobs, twins[which], flown, which, loads)
-        volt_snr, mimics = voltage_snr(pack, _shown(flown, quality, pack, delta.voltage))
-        watt_snr = power_snr(delta.power, levels, gust_w)
+        volt_snr, mimics = voltage_snr(pack, _shown(sheet, flown, quality, pack, delta.voltage))
+        seen = [f for f in range(sheet.flights) if f != sheet.kept_back]
+        watt_snr = power_snr([delta.power[f] for f in seen], [levels[f] for f in seen], gust_w)
         if which == 0:
             channels = {EFFECTS[e.name].channel for e in sheet.effects}
             together = max({"voltage": volt_snr, "power": watt_snr}[c] for c in channels)
@@ -309,11 +319,15 @@ def _release_points(laid: Laid, flown: Flown) -> tuple[tuple[int, float], ...]:
 def generate(sheet: CaseSheet, directory: Path) -> Answer:
     """Write the case to a directory and return its answer. The same sheet gives the same bytes.
 
-    Raises KeyError for an effect that the world does not know.
+    Raises KeyError for an effect that the world does not know, ImportError for the porous world without PyBaMM.
     """
-    if sheet.world == "porous":
-        raise NotImplementedError("the second world")
     pack = draw_pack(sheet.generator("pack"))
+    porous = None
+    if sheet.world == "porous":
+        from sim.concealed.porous import PorousPack  # heavy, and an extra of its own
+
+        porous = PorousPack(sheet.generator("porous"), pack)
+        pack = porous.pack
     plain = _plain(sheet, pack)
     laid = _lay(sheet, pack, plain, range(len(sheet.effects)))
     lacking: list[int | None] = [None]
@@ -323,6 +337,8 @@ def generate(sheet: CaseSheet, directory: Path) -> Answer:
     plan = _plan(sheet, pack, laid.knobs)
     loads = _demands(sheet, pack, [laid.knobs, *twins], plan)
     flown = fly(pack, laid.knobs, tuple(twins), loads[0])
+    if porous is not None:
+        flown = porous.flown(flown, laid.knobs, tuple(twins))
     quality = draw_quality(sheet.generator("quality"), sheet.noise)
     effects, snr, passing = _effects(sheet, pack, laid, twins, flown, loads, quality)
     rng = sheet.generator("sensors")
@@ -332,7 +348,10 @@ def generate(sheet: CaseSheet, directory: Path) -> Answer:
     ]
     sidecar, decoys = _sidecar(sheet, laid, flown)
     logs = [tlog(recording, f) for f, recording in enumerate(recordings)]
-    _write(directory, lab.recordings(pack, sheet.generator("lab")), logs, sidecar)
+    bench = (
+        lab.recordings(pack, sheet.generator("lab")) if porous is None else porous.recordings(sheet.generator("lab"))
+    )
+    _write(directory, bench, logs, sidecar)
     return Answer(
         case=sheet.name,
         suite=sheet.suite,

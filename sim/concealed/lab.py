@@ -75,6 +75,17 @@ def recordings(pack: Pack, rng: np.random.Generator) -> dict[str, LabRun]:
     one_i = np.full(4600, q)
     one_i[0] = 0.0
     one_v, one_i = run(pack, one_i, 1.0, until_empty=True)
+    variable_v, variable_i = run(pack, load_profile(rng, pack), 1.0, until_empty=False)
+    return {
+        "slow": _recorded(rng, slow_v, slow_i, 60.0, noise),
+        "one_c": _recorded(rng, one_v, one_i, 1.0, noise),
+        "variable": _recorded(rng, variable_v, variable_i, 1.0, noise),
+    }
+
+
+def load_profile(rng: np.random.Generator, pack: Pack) -> Array:
+    """Current [A] of a bench that plays a hover with gusts and steps, then rests for 20 min; once a second."""
+    q = pack.capacity_ah
     seconds = round(rng.uniform(700.0, 1000.0) * 2.0 / pack.hover_c_rate)
     load = np.concatenate([np.full(25, 0.03), np.ones(seconds), np.zeros(1200)])
     gust = coloured(rng, (1, len(load)), 1.0, np.array([3.0]))[0]
@@ -82,9 +93,4 @@ def recordings(pack: Pack, rng: np.random.Generator) -> dict[str, LabRun]:
     rise = 1.0 + 0.1 * np.arange(len(load)) / seconds
     hover = pack.hover_c_rate * q
     current = np.where(load > 0.5, hover * 0.95 * rise * steps[: len(load)] * (1.0 + 0.04 * gust), load * q)
-    variable_v, variable_i = run(pack, np.maximum(current, 0.0), 1.0, until_empty=False)
-    return {
-        "slow": _recorded(rng, slow_v, slow_i, 60.0, noise),
-        "one_c": _recorded(rng, one_v, one_i, 1.0, noise),
-        "variable": _recorded(rng, variable_v, variable_i, 1.0, noise),
-    }
+    return np.maximum(current, 0.0)

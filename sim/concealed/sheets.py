@@ -40,6 +40,7 @@ class CaseSheet:
     decoys: int = 0  # columns that trend with the flights and mean nothing
     cells_recorded: bool = False
     flights: int = 6
+    kept_back: int | None = None  # a flight that the tool will not be shown: it counts for no SNR
     world: World = "ladder"
 
     @property

@@ -85,7 +85,8 @@ def concealed(name: str, seed: int, cases: int) -> list[Batch]:
     drawn: list[Batch] = []
     for sheet in draw_suite(name, seed, cases):
         shown = sheet.flights
-        drawn.append(ConcealedCase(replace(sheet, flights=shown + 1), int(dice.integers(shown + 1))))
+        kept = int(dice.integers(shown + 1))
+        drawn.append(ConcealedCase(replace(sheet, flights=shown + 1, kept_back=kept), kept))
     return drawn
 
 

@@ -1,0 +1,203 @@
+"""The second world: the same sheets with PyBaMM's single particle model with electrolyte as the cells.
+
+Load, sensors and logs are the first world's; so are the currents, which its cells asked for with this one's rested
+voltage and resistance. Voltages, temperatures and lab recordings are PyBaMM's. Needs the extra ``truth``.
+
+Parameter sets: Ai et al. 2020 (LiCoO2 pouch) and O'Kane et al. 2022 (NMC 21700), as they come with PyBaMM, varied.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pybamm
+
+from sim.concealed.flying import REST_MINUTES, SECOND, Flown, contact_along
+from sim.concealed.knobs import Knobs
+from sim.concealed.lab import LabRun, load_profile
+from sim.concealed.load import REST_S
+from sim.concealed.packs import GRID, SERIES, Array, Pack
+
+_SETS = {"Ai2020": "LiCoO2 pouch (Ai 2020)", "OKane2022": "NMC 21700 (O'Kane 2022)"}
+_KELVIN = 273.15
+_LAB_K = 298.15
+_FLOOR_V, _CEILING_V = 1.5, 4.8  # events far outside: a flight must not end inside the solver
+
+
+@dataclass(frozen=True, slots=True)
+class _Conditions:
+    """What one solution of one cell stands in."""
+
+    soc: float
+    exchange: float = 1.0
+    heats: bool = False
+    start_k: float = _LAB_K
+    ambient_k: float = _LAB_K
+    cooling: float = 1.0
+
+
+class PorousPack:
+    """Cells of one parameter set, six in series, so many in parallel as the capacity asks for."""
+
+    def __init__(self, rng: np.random.Generator, like: Pack) -> None:
+        pybamm.set_logging_level("ERROR")
+        self.set = str(rng.choice(sorted(_SETS)))
+        self._diffusion = float(rng.uniform(0.8, 1.4))
+        self._exchange = float(rng.uniform(0.8, 1.4))
+        self._cooling_w_m2k = float(rng.uniform(8.0, 25.0))
+        nominal = float(self._values()["Nominal cell capacity [A.h]"])
+        slow_v, used = self._slow(nominal)
+        self.capacity_ah = used  # of one cell, as the slow discharge tells
+        self.parallel = like.capacity_ah / used
+        self.pack = self._ladder_like(like, slow_v)
+
+    def _values(self) -> Any:
+        values = pybamm.ParameterValues(self.set)
+        for electrode in ("Negative", "Positive"):
+            self._scale(values, f"{electrode} particle diffusivity [m2.s-1]", self._diffusion)
+            self._scale(values, f"{electrode} electrode exchange-current density [A.m-2]", self._exchange)
+        return values
+
+    @staticmethod
+    def _scale(values: Any, name: str, factor: float) -> None:
+        was = values[name]
+        if callable(was):
+
+            def scaled(*given: Any) -> Any:
+                return factor * was(*given)
+
+            values[name] = scaled
+        else:
+            values[name] = factor * was
+
+    def solve(self, current_a: Array, dt: float, given: _Conditions) -> tuple[Array, Array]:
+        """Voltage [V] and temperature [K] of one cell under a current sampled every ``dt``.
+
+        Raises pybamm.SolverError where the cell cannot follow.
+        """
+        values = self._values()
+        values.set_initial_state(given.soc)
+        time = dt * np.arange(len(current_a), dtype=float)
+        values["Current function [A]"] = pybamm.Interpolant(time, current_a, pybamm.t)
+        values["Lower voltage cut-off [V]"], values["Upper voltage cut-off [V]"] = _FLOOR_V, _CEILING_V
+        for electrode in ("Negative", "Positive"):
+            self._scale(values, f"{electrode} electrode exchange-current density [A.m-2]", given.exchange)
+        values["Initial temperature [K]"], values["Ambient temperature [K]"] = given.start_k, given.ambient_k
+        values["Total heat transfer coefficient [W.m-2.K-1]"] = self._cooling_w_m2k * given.cooling
+        model = pybamm.lithium_ion.SPMe({"thermal": "lumped" if given.heats else "isothermal"})
+        simulation = pybamm.Simulation(model, parameter_values=values, solver=pybamm.IDAKLUSolver())
+        solution = simulation.solve([0.0, float(time[-1])], t_interp=time)
+        volts = np.asarray(solution["Voltage [V]"](time), dtype=float)
+        kelvin = np.asarray(solution["Volume-averaged cell temperature [K]"](time), dtype=float)
+        if np.isnan(volts).any():
+            raise pybamm.SolverError(f"the cell was empty before the end: {solution.termination}")
+        return volts, kelvin
+
+    def _slow(self, nominal: float) -> tuple[Array, float]:
+        """C/50 until 3.0 V: voltage once a minute, and the charge given [Ah]."""
+        current = np.full(3300, nominal / 50.0)
+        volts, current = self._as_long_as_it_lasts(current, 60.0)
+        end = int(np.argmax(volts < 3.0)) or len(volts)
+        return volts[:end], float(current[0]) * end / 60.0
+
+    def _as_long_as_it_lasts(self, current: Array, dt: float, rest: int = 0) -> tuple[Array, Array]:
+        """Voltage of a cell under a current, and the current, cut where the cell is empty; then samples of rest."""
+        while True:
+            whole = np.concatenate([current, np.zeros(rest)])
+            try:
+                return self.solve(whole, dt, _Conditions(1.0))[0], whole
+            except pybamm.SolverError:
+                current = current[: int(0.97 * len(current))]
+
+    def _ladder_like(self, like: Pack, slow_v: Array) -> Pack:
+        """The first world's pack with this one's rested voltage and resistance: it asks for the currents."""
+        left = 1.0 - np.arange(len(slow_v)) / len(slow_v)
+        ocv = np.interp(GRID, left[::-1], slow_v[::-1])
+        outside = GRID > 1.0
+        ocv[outside] = slow_v[0] + 0.6 * (GRID[outside] - 1.0)
+        return replace(
+            like,
+            chemistry=_SETS[self.set],
+            ocv_v=ocv,
+            hover_c_rate=min(like.hover_c_rate, 1.75),
+            capacity=np.ones(SERIES),
+        )
+
+    # ---- recordings ---------------------------------------------------------------------------------------------
+
+    def recordings(self, rng: np.random.Generator) -> dict[str, LabRun]:
+        """The slow discharge, the 1C one, and a hover-like load with a rest."""
+        noise = float(rng.uniform(2e-3, 6e-3))
+        q = self.pack.capacity_ah
+        slow = np.full(2950, q / 50.0)
+        one = np.concatenate([np.zeros(1), np.full(3450, q)])
+        variable = load_profile(rng, self.pack)
+        out = {}
+        for name, asked, dt, rest in (
+            ("slow", slow, 60.0, 0),
+            ("one_c", one, 1.0, 300),
+            ("variable", variable, 1.0, 0),
+        ):
+            volts, given = self._as_long_as_it_lasts(asked / self.parallel, dt, rest)
+            current, n = given * self.parallel, len(volts)
+            seen = SERIES * volts + noise * rng.standard_normal(n)
+            time = dt * np.arange(n, dtype=float)
+            out[name] = LabRun(time, np.round(current, 3), seen, np.full(n, _LAB_K - _KELVIN))
+        return out
+
+    def flown(self, flown: Flown, knobs: Knobs, twins: tuple[Knobs, ...]) -> Flown:
+        """The same flights with this world's voltages and temperatures."""
+        voltage, core = np.full_like(flown.voltage_v, np.nan), np.full_like(flown.core_c, np.nan)
+        twins_v, rested = np.full_like(flown.twins_v, np.nan), np.empty(len(flown.ends))
+        steps = voltage.shape[1]
+        contacts = [contact_along(world, flown.load.plan.begins, steps) for world in (knobs, *twins)]
+        for f, end in enumerate(flown.ends.tolist()):
+            seconds = np.arange(0, end, SECOND)
+            current = flown.current_a[f, seconds]
+            told = (flown.told_a[f, seconds] - knobs.sensors.current_offset_a[f]) / knobs.sensors.current_gain[f]
+            volts, kelvin, rested[f] = self._fly(knobs, f, current, contacts[0][f, seconds])
+            grid = np.arange(end)
+            voltage[f, :end] = np.interp(grid, seconds, volts)
+            core[f, : len(seconds)] = kelvin - _KELVIN
+            for which, twin in enumerate(twins):
+                carried = told * knobs.sensors.current_gain[f] + knobs.sensors.current_offset_a[f]
+                carried = (carried - twin.sensors.current_offset_a[f]) / twin.sensors.current_gain[f]
+                carried = carried + twin.sensors.unseen_a[f]
+                other, _, _ = self._fly(twin, f, carried, contacts[which + 1][f, seconds])
+                twins_v[which, f, :end] = np.interp(grid, seconds, other)
+        unknown = np.full_like(flown.empty_voltage_s, np.nan)
+        return replace(
+            flown,
+            voltage_v=voltage,
+            twins_v=twins_v,
+            core_c=core,
+            surface_c=core,
+            rested_v=rested,
+            empty_voltage_s=unknown,
+        )
+
+    def _fly(self, world: Knobs, f: int, current_a: Array, contact_ohm: Array) -> tuple[Array, Array, float]:
+        """Voltage of the pack, temperature, and the voltage 20 min after landing."""
+        rest = np.zeros(60 * REST_MINUTES - round(REST_S))
+        cells, heat = world.cells, world.heat
+        whole = np.concatenate([current_a, rest]) / self.parallel
+        kinds: dict[tuple[float, float, float], int] = {}
+        for c in range(SERIES):
+            own = (float(cells.soc[f, c]), float(cells.capacity[f, c]), float(cells.resistance[f, c]))
+            kinds[own] = kinds.get(own, 0) + 1
+        total, kelvin = np.zeros(len(whole)), np.zeros(len(whole))
+        for (soc, capacity, resistance), count in kinds.items():
+            given = _Conditions(
+                soc=min(soc, 1.0),
+                exchange=float(cells.exchange[f].mean()) / resistance,
+                heats=heat.heats,
+                start_k=float(heat.start_c[f]) + _KELVIN,
+                ambient_k=float(heat.ambient_c[f]) + _KELVIN,
+                cooling=heat.cooling,
+            )
+            volts, kelvin = self.solve(whole / capacity, 1.0, given)
+            total += count * volts
+        n = len(current_a)
+        return total[:n] - contact_ohm * current_a, kelvin[:n], float(total[-1])
