@@ -205,6 +205,28 @@ def sim(**given: Any) -> None:
     sys.exit(simulate(Options(**given)))
 
 
+@cli.command()
+@click.argument("logs", nargs=-1, required=True, type=_FILE, metavar="LOG...")
+@click.option("--battery", type=_FILE, required=True, help="The battery file that the flights disagree with.")
+@click.option("--vehicle", type=_FILE, help="Vehicle file: cells and capacity where the battery file is of a cell only.")
+@click.option("--sidecar", type=_FILE, help="CSV about the flights: file, rest_voltage_V, rest_minutes, cycles, "
+              "storage_days, ambient_C.")  # fmt: skip
+@click.option("--battery-id", type=click.IntRange(0, 255), help="MAVLink battery id. [the sidecar's, else the first]")
+@click.option("--model", type=click.Choice(["circ", "chem"]), help="Cell model to explain with. [circ where there is one]")
+@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, metavar="DIR",
+              help="Where findings and report go.")  # fmt: skip
+@click.option("--install", is_flag=True, help="Put the repaired battery beside the old one, to fly in its shadow.")
+@click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
+def explain(**given: Any) -> None:
+    """Say which physics the battery file leaves out, by the flights that disagree with it.
+
+    Writes findings.json, a report (index.html) and, where something was found, the repaired battery.toml.
+    """
+    from bhm_service.commands.explain import Task, explain_logs
+
+    sys.exit(explain_logs(Task(**given)))
+
+
 def main() -> None:
     """Entry point: bad input ends with one clear message and status 2."""
     # Our matrices are small: BLAS threads fight over the cores (a fit took three times as long on two).

@@ -1,0 +1,127 @@
+"""`bhm explain`: flights that disagree with a battery in, the physics that was left out of it out."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from bhm_service.battery.battery_file import ModelName, read_battery, write_battery
+from bhm_service.config import read_vehicle
+from bhm_service.discrepancy.explain import Request, explain
+from bhm_service.discrepancy.explanation import Explanation
+from bhm_service.discrepancy.findings import Findings, write_findings
+from bhm_service.discrepancy.flights import read_flights
+from bhm_service.discrepancy.lab import lab_of
+from bhm_service.discrepancy.sidecar import read_sidecar
+from bhm_service.errors import BadInputError
+from bhm_service.units import SECONDS_PER_HOUR
+
+_WIDTH = 100
+_STEPS = 9  # that the search announces, about
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """What was asked for on the command line."""
+
+    logs: tuple[Path, ...]
+    battery: Path
+    output: Path
+    vehicle: Path | None = None
+    sidecar: Path | None = None
+    battery_id: int | None = None
+    model: ModelName | None = None
+    install: bool = False
+    as_json: bool = False
+
+
+def explain_logs(task: Task) -> int:
+    """Explain, write and say. Raises BadInputError for what cannot be explained; returns the exit status."""
+    out, err = Console(width=_WIDTH, highlight=False), Console(stderr=True, width=_WIDTH, highlight=False)
+    battery = read_battery(task.battery)
+    model: ModelName = task.model or ("circ" if battery.circ is not None else "chem")
+    vehicle = read_vehicle(task.vehicle) if task.vehicle is not None else None
+    series = vehicle.battery.series if vehicle is not None else None
+    ampere_hours = vehicle.battery.capacity_ah if vehicle is not None else None
+    capacity_c = None if ampere_hours is None else ampere_hours * SECONDS_PER_HOUR
+    lab = lab_of(battery, model, series, capacity_c)
+    notes = read_sidecar(task.sidecar) if task.sidecar is not None else {}
+    _make(task.output)
+    battery_id = task.battery_id if task.battery_id is not None else (vehicle.battery.id if vehicle else None)
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=err, transient=True) as bar:
+        shown = bar.add_task("reading", total=_STEPS + 1)
+
+        def progress(what: str) -> None:
+            bar.update(shown, description=what, advance=1)
+
+        flights, left_out = read_flights(task.logs, lab.series, lab.capacity_c, notes, battery_id)
+        found = explain(
+            Request(
+                battery=battery,
+                flights=flights,
+                left_out=left_out,
+                model=model,
+                series=series,
+                capacity_c=capacity_c,
+            ),
+            progress,
+        )
+    findings = _write(task, found)
+    if task.as_json:
+        out.print_json(json.dumps(findings.model_dump(mode="json")))
+    else:
+        _say(out, found, findings, task.output)
+    return 0
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as why:
+        raise BadInputError(str(folder), f"cannot be made: {why.strerror}") from why
+
+
+def _write(task: Task, found: Explanation) -> Findings:
+    findings = found.findings
+    if found.repaired is not None:
+        name = "battery.toml"
+        write_battery(task.output / name, found.repaired)
+        findings = findings.model_copy(update={"battery_file": name})
+    for course in found.courses:
+        if course.hidden:
+            _write_hidden(task.output / "hidden" / f"{course.flight.label}.csv", course.flight.time_s, course.hidden)
+    write_findings(task.output / "findings.json", findings)
+    return findings
+
+
+def _write_hidden(path: Path, time_s: np.ndarray, hidden: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
+    """One flight's hidden states: time_s, then each state and its standard deviation; temperatures in kelvin."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    names = [n for state in hidden for n in (_column(state), f"{_column(state)}_sd")]
+    table = np.column_stack([time_s, *(part for state in hidden.values() for part in state)])
+    np.savetxt(path, table, delimiter=",", header=",".join(["time_s", *names]), comments="", fmt="%.4f")
+
+
+def _column(state: str) -> str:
+    return f"{state}_K" if state == "temperature" else state
+
+
+def _say(out: Console, found: Explanation, findings: Findings, folder: Path) -> None:
+    names: Sequence[str] = [e.id for e in findings.effects]
+    out.print(f"{findings.verdict}: {', '.join(names) or '-'}")
+    for rival in findings.alternatives:
+        out.print(f"  or {' + '.join(rival)}")
+    fit = findings.fit
+    out.print(f"  error of voltage: {1e3 * fit.rmse_before_V:.0f} mV before, {1e3 * fit.rmse_after_V:.0f} mV after")
+    for line in findings.advice:
+        out.print(f"  {line}")
+    out.print(f"  {folder / 'findings.json'}")
+    for left in found.left_out:
+        out.print(f"  left out {left.label}: {left.because}")

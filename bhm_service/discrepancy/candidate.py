@@ -1,0 +1,172 @@
+"""One way in which physics may be missing: effects of the catalogue, with their unknowns over a set of flights."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from bhm_service.battery.battery_file import ModelName
+from bhm_service.battery.effects import EFFECTS, Effect
+from bhm_service.battery.parameters import Parameter
+from bhm_service.discrepancy.flights import FlightData
+from bhm_service.identification.unknowns import Block, numbers
+from bhm_service.units import Array
+
+_STEPS = "intermittent-contact"
+
+
+@dataclass(frozen=True, slots=True)
+class Unknown:
+    """One declared number over the flights: how it stands in the fit's vector."""
+
+    effect: str
+    declared: Parameter
+    prior: tuple[float, float]  # in the declared unit
+    log: bool
+    per_flight: bool
+
+    @property
+    def name(self) -> str:
+        """Of its block."""
+        return f"{self.effect}.{self.declared.name}"
+
+    def block(self, flights: int) -> Block:
+        """Its block of unknowns."""
+        size = flights if self.per_flight else 1
+        mean, sd = self.prior
+        low, high = self.declared.low, self.declared.high
+        if not self.log:
+            found = numbers(self.name, np.full(size, mean), sd, 1.0)
+            return Block(
+                name=self.name, start=found.start, low=np.full(size, low), high=np.full(size, high),
+                prior=found.prior, sd=found.sd,
+            )  # fmt: skip
+        inner = np.log([mean, max(low, 1e-12), high])
+        return Block(
+            name=self.name,
+            start=np.full(size, inner[0]),
+            low=np.full(size, inner[1]),
+            high=np.full(size, inner[2]),
+            prior=np.full(size, inner[0]),
+            sd=np.full(size, np.log1p(sd / mean)),
+            log=True,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A named piece of missing physics; ``parts`` may hold a companion that carries a driver no log has."""
+
+    id: str
+    parts: tuple[tuple[str, type[Effect]], ...]  # by the name that their unknowns go under
+    unknowns: tuple[Unknown, ...]
+    fixed: Mapping[str, Sequence[float]] = field(default_factory=dict)  # numbers that the flights themselves give
+    inferred: tuple[str, ...] = ()  # drivers that are carried as hidden states
+    price: float = 0.0  # [nats] of having been looked for in many places
+
+    def blocks(self, flights: int) -> list[Block]:
+        """The unknowns that it adds."""
+        return [u.block(flights) for u in self.unknowns]
+
+    def on(self, flights: Sequence[int]) -> Candidate:
+        """The same for some of the flights."""
+        return replace(self, fixed={key: [told[k] for k in flights] for key, told in self.fixed.items()})
+
+    def alone(self) -> Candidate:
+        """The same without the companion that carries its driver."""
+        own = tuple(u for u in self.unknowns if u.effect == self.id)
+        return replace(self, parts=self.parts[:1], unknowns=own, inferred=())
+
+    def amplitudes(self) -> list[Unknown]:
+        """The unknowns that make it vanish."""
+        return [u for u in self.unknowns if u.declared.absent is not None]
+
+    def effects(self, values: Mapping[str, Array], flight: int) -> list[Effect]:
+        """Its effects in one flight; ``values`` are blocks (M, size)."""
+        given: dict[str, dict[str, object]] = {key: {} for key, _ in self.parts}
+        for u in self.unknowns:
+            column = values[u.name][:, flight : flight + 1] if u.per_flight else values[u.name]
+            given[u.effect][u.declared.name] = column * u.declared.scale
+        for key, per_flight in self.fixed.items():
+            effect, name = key.rsplit(".", 1)
+            given[effect][name] = per_flight[flight]
+        return [kind(**given[key]) for key, kind in self.parts]
+
+
+@dataclass(frozen=True, slots=True)
+class NotExcited:
+    """An effect that these recordings cannot show, and why."""
+
+    id: str
+    because: str
+
+
+def candidates(
+    flights: Sequence[FlightData], model: ModelName, pack_wh: float
+) -> tuple[list[Candidate], list[NotExcited]]:
+    """What of the catalogue can be tried on these flights, and what cannot."""
+    known = _known_drivers(flights)
+    found: list[Candidate] = []
+    missing: list[NotExcited] = []
+    for kind in EFFECTS.values():
+        if kind.id == _STEPS:
+            continue  # its times are found first
+        needed = [d for d in kind.drivers if d not in known]
+        carriers = [e for e in EFFECTS.values() if set(needed) & set(e.supplies)]
+        if needed and not carriers:
+            missing.append(NotExcited(kind.id, f"needs {' and '.join(needed)}, which is not recorded"))
+            continue
+        if kind.supplies and set(kind.supplies) <= known:
+            missing.append(NotExcited(kind.id, f"{' and '.join(kind.supplies)} is recorded"))
+            continue
+        if kind.shown_by and not needed:
+            continue  # joins with what shows it
+        found.append(_candidate(kind, tuple(carriers), tuple(needed), flights, known, model, pack_wh))
+    return found, missing
+
+
+def _known_drivers(flights: Sequence[FlightData]) -> set[str]:
+    known = set()
+    if all(f.temperature_k is not None for f in flights):
+        known.add("temperature")
+    if all(f.notes.storage_days is not None for f in flights):
+        known.add("storage")
+    if all(f.notes.cycles is not None for f in flights):
+        known.add("age")
+    return known
+
+
+def _candidate(
+    kind: type[Effect],
+    carriers: tuple[type[Effect], ...],
+    inferred: tuple[str, ...],
+    flights: Sequence[FlightData],
+    known: set[str],
+    model: ModelName,
+    pack_wh: float,
+) -> Candidate:
+    unknowns: list[Unknown] = []
+    fixed: dict[str, Sequence[float]] = {}
+    for part in (kind, *carriers):
+        priors = part.priors(pack_wh)
+        for p in part.parameters():
+            if p.model not in (None, model):
+                continue
+            if p.driver is not None:
+                if p.driver in known:
+                    fixed[f"{part.id}.{p.name}"] = [_driver(f, p.driver) for f in flights]
+                continue
+            if p.name not in priors:
+                continue
+            mean, sd = priors[p.name]
+            log = p.absent is None and p.low > 0.0 and not p.per_flight
+            unknowns.append(Unknown(part.id, p, (mean, sd), log, p.per_flight))
+    parts = tuple((part.id, part) for part in (kind, *carriers))
+    return Candidate(kind.id, parts, tuple(unknowns), fixed, inferred)
+
+
+def _driver(flight: FlightData, driver: str) -> float:
+    value = flight.notes.storage_days if driver == "storage" else flight.notes.cycles
+    return 0.0 if value is None else value

@@ -1,0 +1,135 @@
+"""Does an explanation hold on flights that no fit saw? Each flight is left out in turn.
+
+What all flights share comes from the others; the flight's own start, and what differs from flight to flight, from its
+first quarter; the rest of it is predicted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bhm_service.discrepancy.flights import FlightData
+from bhm_service.discrepancy.joint import Fitted, Joint, fit
+from bhm_service.discrepancy.noise import Noise
+from bhm_service.discrepancy.search import Names, Search
+from bhm_service.units import Array
+
+_SEEN = 0.25  # of a flight's samples
+_FEWEST = 3  # flights
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOutFlight:
+    """One flight predicted from the others: modelled voltages along it, and which samples were not seen."""
+
+    label: str
+    before_v: Array  # by the battery as it is
+    tuned_v: Array  # by the same within what the lab leaves open
+    after_v: Array  # with the effects
+    measured_v: Array
+    begin: int  # first sample that was not seen
+
+    def rmse(self, modelled: Array) -> float:
+        """Over the samples that were not seen. [V]"""
+        off = (self.measured_v - modelled)[self.begin :]
+        return float(np.sqrt(np.nanmean(off**2)))
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOut:
+    """All flights, each predicted from the others."""
+
+    flights: tuple[LeftOutFlight, ...]
+
+    @property
+    def before_v(self) -> float:
+        """Pooled error of the model without the effects. [V]"""
+        return _pooled([(f.rmse(f.before_v), f.before_v.size - f.begin) for f in self.flights])
+
+    @property
+    def tuned_v(self) -> float:
+        """Pooled error of that model within what the lab leaves open. [V]"""
+        return _pooled([(f.rmse(f.tuned_v), f.tuned_v.size - f.begin) for f in self.flights])
+
+    @property
+    def after_v(self) -> float:
+        """Pooled error with them. [V]"""
+        return _pooled([(f.rmse(f.after_v), f.after_v.size - f.begin) for f in self.flights])
+
+
+def _pooled(parts: list[tuple[float, int]]) -> float:
+    total = sum(n for _, n in parts)
+    return float(np.sqrt(sum(n * e**2 for e, n in parts) / total))
+
+
+def held_out(found: Search, names: Names) -> HeldOut | None:
+    """Predict every flight from the others, without and with a set of effects; None with fewer than three flights."""
+    count = len(found.base.flights)
+    if count < _FEWEST:
+        return None
+    flights = []
+    for k, data in enumerate(found.base.flights):
+        before = predicted_from_quarter(found.base, None, k, found.noise)
+        tuned = _predicted(found, frozenset(), k)
+        after = _predicted(found, names, k) if names else tuned
+        begin = int(np.ceil(_SEEN * data.time_s.size))
+        flights.append(LeftOutFlight(data.label, before, tuned, after, data.voltage_v, begin))
+    return HeldOut(tuple(flights))
+
+
+def _predicted(found: Search, names: Names, left: int) -> Array:
+    whole = found.fitted(names)
+    others = [k for k in range(len(found.base.flights)) if k != left]
+    rest = subset(whole.joint, others)
+    learnt = fit(rest, found.noise, restricted(whole, rest, others), rounds=4)
+    return predicted_from_quarter(whole.joint, learnt, left, found.noise)
+
+
+def subset(joint: Joint, flights: list[int]) -> Joint:
+    """A hypothesis over some of its flights."""
+    return Joint(
+        joint.lab,
+        tuple(joint.flights[k] for k in flights),
+        tuple(c.on(flights) for c in joint.members),
+        tuple(joint.start_sd[k] for k in flights) if joint.start_sd else (),
+    )
+
+
+def restricted(whole: Fitted, part: Joint, flights: list[int]) -> Array:
+    """A fit's vector, for some of its flights."""
+    x = part.unknowns.start.copy()
+    per_flight = whole.joint.per_flight
+    for block in whole.joint.unknowns.blocks:
+        values = whole.x[whole.joint.unknowns.slice_of(block.name)]
+        x[part.unknowns.slice_of(block.name)] = values[flights] if block.name in per_flight else values
+    return x
+
+
+def predicted_from_quarter(joint: Joint, learnt: Fitted | None, index: int, noise: Noise) -> Array:
+    """Voltages of a whole flight, with its own numbers from its first quarter and all others as learnt. [V]
+
+    Where nothing was learnt the battery is taken as it is.
+    """
+    data = joint.flights[index]
+    quarter = data.part(slice(0, int(np.ceil(_SEEN * data.time_s.size))))
+    seen = subset(replace(joint, flights=_put(joint.flights, index, _alone(quarter))), [index])
+    x = seen.unknowns.start.copy()
+    if learnt is not None:
+        for block in learnt.joint.unknowns.blocks:
+            if block.name not in joint.per_flight:
+                x[seen.unknowns.slice_of(block.name)] = learnt.x[learnt.joint.unknowns.slice_of(block.name)]
+    moving = [name for name in seen.per_flight if not name.startswith("form_")]
+    own = fit(seen, noise, x, rounds=6, moving=moving)
+    full = subset(replace(joint, flights=_put(joint.flights, index, _alone(data))), [index])
+    return np.asarray(full.predicted(own.x[None, :], 0).voltage[0])
+
+
+def _put(flights: tuple[FlightData, ...], index: int, data: FlightData) -> tuple[FlightData, ...]:
+    return (*flights[:index], data, *flights[index + 1 :])
+
+
+def _alone(data: FlightData) -> FlightData:
+    """Without the voltage rested after landing: it is not known before."""
+    return replace(data, notes=replace(data.notes, rest_voltage_v=None))

@@ -1,0 +1,226 @@
+"""From a battery file and the flights that disagree with it to the physics that was left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bhm_service.battery.battery_file import BatteryFile, ModelName
+from bhm_service.discrepancy import verdict
+from bhm_service.discrepancy.advice import advice
+from bhm_service.discrepancy.candidate import NotExcited, candidates
+from bhm_service.discrepancy.confirm import HeldOut, held_out
+from bhm_service.discrepancy.decoys import contests
+from bhm_service.discrepancy.explanation import Contest, Course, Explanation
+from bhm_service.discrepancy.findings import ChangePoint, EffectFound, Findings, Fit, Inferred, Quantity, Region
+from bhm_service.discrepancy.flights import FlightData, LeftOut
+from bhm_service.discrepancy.joint import Fitted, Joint
+from bhm_service.discrepancy.lab import lab_of
+from bhm_service.discrepancy.locate import locate, regime_maps, variables
+from bhm_service.discrepancy.repair import flying, repaired, retuned
+from bhm_service.discrepancy.search import LEAST_SNR, Progress, Search, search
+from bhm_service.discrepancy.selection import Selection, select
+from bhm_service.discrepancy.significance import familywise
+from bhm_service.errors import BadInputError
+from bhm_service.units import SECONDS_PER_HOUR, Array
+
+_FEWEST = 2  # flights
+_SEED = 1
+_DRAWS = 24  # of the posterior, for the band of a hidden state
+_CELL_V = 3.7  # [V] for the energy of a pack
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """What to explain."""
+
+    battery: BatteryFile
+    flights: Sequence[FlightData]
+    left_out: Sequence[LeftOut] = ()
+    model: ModelName = "circ"
+    series: int | None = None
+    capacity_c: float | None = None
+
+
+def explain(request: Request, progress: Progress = lambda _: None) -> Explanation:
+    """Search, choose, confirm and say. Raises BadInputError with fewer than two usable flights."""
+    flights = tuple(request.flights)
+    if len(flights) < _FEWEST:
+        why = "; ".join(f"{r.label}: {r.because}" for r in request.left_out)
+        raise BadInputError(
+            "bhm explain", f"{len(flights)} usable flight{'s' * (len(flights) != 1)}, {_FEWEST} are needed", why
+        )
+    lab = lab_of(request.battery, request.model, request.series, request.capacity_c)
+    base = Joint(lab, flights)
+    tried, missing = candidates(flights, lab.model, _CELL_V * lab.series * lab.capacity_c / SECONDS_PER_HOUR)
+    progress("the battery as it is")
+    found = search(base, tried, progress)
+    progress("which of them stands")
+    chosen = select(found)
+    fitted = found.fitted(chosen.names)
+    progress("flights that no fit saw")
+    proof = held_out(found, chosen.names)
+    rng = np.random.default_rng(_SEED)
+    progress("phantom drivers")
+    rivals = contests(found, chosen.names, rng)
+    progress("the catalogue on noise alone")
+    p_values = familywise(found, chosen.names, rng)
+    courses = _courses(base, fitted)
+    dull = [
+        NotExcited(c.id, f"of its usual size it would stand {found.snr[c.id]:.1f} sigma out of noise and lab errors")
+        for c in tried
+        if not c.inferred and found.snr.get(c.id, LEAST_SNR) < LEAST_SNR
+    ]
+    judged = verdict.judge(found, chosen, fitted, courses, rivals)
+    findings = _findings(found, chosen, fitted, courses, proof, rivals, p_values, judged)
+    battery = None
+    if chosen.names:
+        battery, _ = repaired(request.battery, fitted, f"repaired by bhm explain: {', '.join(sorted(chosen.names))}")
+    elif judged.verdict == "parameter":
+        battery = retuned(request.battery, fitted)
+    over = variables([c.flight for c in courses], [c.soc for c in courses])
+    off = np.concatenate([c.flight.voltage_v - c.before_v for c in courses])
+    return Explanation(
+        lab=lab,
+        battery=request.battery,
+        repaired=battery,
+        courses=courses,
+        left_out=tuple(request.left_out),
+        search=found,
+        selection=chosen,
+        held_out=proof,
+        maps=regime_maps(off, over),
+        contests=rivals,
+        not_excited=(*missing, *dull),
+        flying=flying(fitted.joint, fitted),
+        sentence=judged.sentence,
+        in_words=judged.in_words,
+        findings=findings.model_copy(update={"advice": advice(found, chosen, judged.verdict)}),
+    )
+
+
+def _courses(base: Joint, fitted: Fitted) -> list[Course]:
+    """Every flight by the battery as it is and by the explanation; hidden states with their spread."""
+    joint = fitted.joint
+    bare = base.unknowns.start
+    shares = joint.shares(fitted.x)
+    draws = _draws(fitted)
+    hidden = [n for c in joint.members for _, kind in c.parts if kind.supplies for n in kind.state_names]
+    found = []
+    for k, data in enumerate(joint.flights):
+        before = base.predicted(bare[None, :], k).voltage[0]
+        after = joint.predicted(fitted.x[None, :], k, shares[k])
+        states: dict[str, tuple[Array, Array]] = {}
+        if hidden:
+            names = joint.pack(draws, k).state_names
+            run = joint.simulated(draws, k)
+            for name in hidden:
+                rows = np.broadcast_to(run.states[names.index(name)], (draws.shape[0], data.time_s.size))
+                states[name] = (rows[0], rows[1:].std(axis=0))
+        found.append(Course(data, before, after.voltage[0], after.soc, states))
+    return found
+
+
+def _draws(fitted: Fitted) -> Array:
+    """The fit and draws of its posterior, inside the bounds; (1 + draws, n)."""
+    rng = np.random.default_rng(_SEED)
+    spread = rng.multivariate_normal(np.zeros(fitted.x.size), fitted.covariance, size=_DRAWS, method="eigh")
+    unknowns = fitted.joint.unknowns
+    return np.vstack([fitted.x, np.clip(fitted.x + spread, unknowns.low, unknowns.high)])
+
+
+def _findings(
+    found: Search,
+    chosen: Selection,
+    fitted: Fitted,
+    courses: Sequence[Course],
+    proof: HeldOut | None,
+    rivals: Sequence[Contest],
+    p_values: dict[str, float],
+    judged: verdict.Judged,
+) -> Findings:
+    before = _rms([c.flight.voltage_v - c.before_v for c in courses])
+    after = _rms([c.flight.voltage_v - c.after_v for c in courses])
+    explained = max(1.0 - (after / max(before, 1e-9)) ** 2, 0.0)
+    power = sum(v**2 for v in chosen.added_v.values()) or 1.0
+    beaten = float(np.mean([c.beaten for c in rivals])) if rivals else None
+    effects = [
+        EffectFound(
+            id=member.id,
+            parameters=parameters(fitted, member.id),
+            evidence_nats=float(chosen.earned[member.id]),
+            p_familywise=p_values[member.id],
+            share_of_misfit=float(explained * chosen.added_v[member.id] ** 2 / power),
+            decoys_beaten=beaten if any("temperature" in kind.drivers for _, kind in member.parts) else None,
+        )
+        for member in sorted(fitted.joint.members, key=lambda m: -chosen.added_v[m.id])
+    ]
+    misfits = [c.flight.voltage_v - c.before_v for c in courses]
+    where = judged.verdict != "none"
+    regions = (
+        locate(misfits, [c.flight for c in courses], [c.soc for c in courses], found.noise.sigma_v) if where else []
+    )
+    return Findings(
+        verdict=judged.verdict,
+        effects=effects,
+        alternatives=[sorted(names) for names in chosen.alternatives],
+        unexplained_rest=judged.rest,
+        localisation=[
+            Region(
+                where=r.where,
+                flights=list(r.flights),
+                share_of_misfit=min(r.share_of_misfit, 1.0),
+                sign=1 if r.sign > 0 else -1,
+            )
+            for r in regions
+        ],
+        change_points=_change_points(fitted),
+        inferred=[
+            Inferred(flight=c.flight.label, file=f"hidden/{c.flight.label}.csv", states=sorted(c.hidden))
+            for c in courses
+            if c.hidden
+        ],
+        fit=Fit(
+            rmse_before_V=before,
+            rmse_after_V=after,
+            heldout_before_V=None if proof is None else proof.before_v,
+            heldout_after_V=None if proof is None else (proof.after_v if chosen.names else proof.before_v),
+            noise_floor_V=found.noise.sigma_v,
+        ),
+        advice=[],
+        battery_file=None,
+    )
+
+
+def _rms(parts: Sequence[Array]) -> float:
+    return float(np.sqrt(np.nanmean(np.concatenate(parts) ** 2)))
+
+
+def parameters(fitted: Fitted, name: str) -> dict[str, Quantity]:
+    """The numbers of one member, those of a flight by its number; in the units of the catalogue."""
+    values = fitted.joint.unknowns.values(fitted.x)
+    found: dict[str, Quantity] = {}
+    member = next(m for m in fitted.joint.members if m.id == name)
+    for u in member.unknowns:
+        sd = fitted.sd(u.name)
+        if u.log:
+            sd = sd * values[u.name][0]
+        own = u.declared.name if u.effect == name else f"{u.effect}.{u.declared.name}"
+        for k, value in enumerate(values[u.name][0]):
+            key = f"{own}[{fitted.joint.flights[k].label}]" if u.per_flight else own
+            found[key] = Quantity(value=float(value), sd=float(sd[k]), unit=u.declared.unit)
+    return found
+
+
+def _change_points(fitted: Fitted) -> list[ChangePoint]:
+    found = []
+    for member in fitted.joint.members:
+        for key, told in member.fixed.items():
+            if not key.startswith("intermittent-contact#"):
+                continue
+            for k, time_s in enumerate(told):
+                if 0.0 < time_s < float(fitted.joint.flights[k].time_s[-1]):
+                    found.append(ChangePoint(flight=fitted.joint.flights[k].label, time_s=float(time_s)))
+    return sorted(found, key=lambda c: (c.flight, c.time_s))

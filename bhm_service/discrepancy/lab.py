@@ -1,0 +1,185 @@
+"""What the lab leaves open: the errors that a well identified model may have without any physics missing.
+
+Scales of resistance, polarisation and capacity, the bend of the open-circuit curve, the course of resistance over
+SoC and the speed of relaxation each get a small prior. An effect is only claimed beyond what these can explain: with
+no such terms an effect absorbs every error of the model, with wide ones nothing could ever be found
+(Brynjarsdottir & O'Hagan 2014).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bhm_service.battery.battery_file import BatteryFile, ModelName
+from bhm_service.battery.cell import CellModel, Modifiers
+from bhm_service.battery.chem import Chem
+from bhm_service.battery.circ import Circ
+from bhm_service.battery.dynamics import Course
+from bhm_service.battery.effects.base import Conditions, Effect
+from bhm_service.errors import BadInputError
+from bhm_service.identification.unknowns import Block, Unknowns, numbers
+from bhm_service.units import SECONDS_PER_HOUR, Array, Value
+
+BEND_SOC = np.linspace(0.0, 1.0, 26)
+DROP_SOC = np.array([0.1, 0.3, 0.55, 0.8, 1.0])
+DROP_S = (0.0, 2.0, 8.0, 30.0, 120.0, 480.0)  # at once, then each relaxation a factor of four apart
+_HOVER_C = 2.0  # [1/h] load at which what a model is off by is weighed against its voltage error
+
+_LEAST_SD = {"resistance": 0.03, "polarisation": 0.08, "capacity": 0.01}  # of the logarithm: what a lab repeats to
+_BEND_SD = (0.003, 0.010)  # [V] a cell's open-circuit curve is known to, at best and at worst
+_DROP_SD = (0.05, 0.12)  # of the resistance, at each state of charge and relaxation, likewise
+_LEVEL_SD = 0.03  # of the resistance at once and within a minute: the lab's own load pins it down
+_LEVEL_S = 60.0  # what comes later the lab cannot tell from the open-circuit curve
+_REACH = 8.0  # standard deviations within which a nuisance may be fitted
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lab:
+    """A pack as the lab identified it, and how well."""
+
+    model: ModelName
+    cell: CellModel
+    effects: tuple[Effect, ...]
+    series: int
+    parallel: float
+    ohm: float  # ohmic and polarisation resistance of a cell, about
+    resistance_sd: float
+    polarisation_sd: float
+    capacity_sd: float
+    bend_sd_v: float
+    ohmic_share: float  # of ``ohm``
+    voltage_error_v: float  # lasting error of the cell's voltage
+    identified: bool  # this very pack, not a cell like its own
+    drop_sd: float  # of ``ohm``: how far the drop may be off at any charge and any time after a step
+
+    @property
+    def capacity_c(self) -> float:
+        """Of the pack. [C]"""
+        return float(np.asarray(self.cell.capacity_c)) * self.parallel
+
+    def blocks(self) -> list[Block]:
+        """The unknowns that every hypothesis has and that move the cell itself."""
+        return [
+            _near("lab_resistance", 1, self.resistance_sd),
+            _near("lab_polarisation", 1, self.polarisation_sd),
+            _near("lab_capacity", 1, self.capacity_sd),
+        ]
+
+    def additions(self) -> list[Block]:
+        """The unknowns that every hypothesis has and that only add to the voltage."""
+        return [
+            _near("lab_bends", BEND_SOC.size, self.bend_sd_v),
+            *(_near(f"lab_drop_{tau:.0f}", DROP_SOC.size, self.drop_sd) for tau in DROP_S),
+            _near("lab_curve", 2, self.drop_sd),
+        ]
+
+    def ties(self, unknowns: Unknowns) -> Array:
+        """What the lab knows of sums of the unknowns: the resistance at once and within a minute; (2, n).
+
+        Each row, times the vector in standard deviations of what was known before, is a standard normal.
+        """
+        rows = np.zeros((2, unknowns.start.size))
+        rows[:, unknowns.slice_of("lab_resistance")] = self.ohmic_share * self.resistance_sd
+        rows[1, unknowns.slice_of("lab_polarisation")] = (1.0 - self.ohmic_share) * self.polarisation_sd
+        for tau in (t for t in DROP_S if t < _LEVEL_S):
+            rows[0 if tau == 0.0 else 1 :, unknowns.slice_of(f"lab_drop_{tau:.0f}")] = self.drop_sd / DROP_SOC.size
+        return rows / (_LEVEL_SD if self.identified else self.resistance_sd)
+
+    def added(self, time_s: Array, current: Array, soc: Array) -> Array:
+        """What one of each of `additions` adds to the pack's voltage [V] along a flight; (numbers, T)."""
+        cell = current / self.parallel
+        bends = _hats(BEND_SOC, soc)
+        places = _hats(DROP_SOC, soc)
+        drops = []
+        for tau in DROP_S:
+            followed = cell if tau == 0.0 else lagging(time_s, cell, tau)
+            drops.append(-self.ohm * followed * places)
+        hover = _HOVER_C * self.capacity_c / self.parallel / SECONDS_PER_HOUR
+        # A drop that bends with the current, at low and at high charge, without changing it at the hover.
+        bent = -self.ohm * cell * (np.abs(cell) / hover - 1.0)
+        curve = np.stack([bent * (1.0 - np.clip(soc, 0.0, 1.0)), bent * np.clip(soc, 0.0, 1.0)])
+        return np.asarray(self.series * np.concatenate([bends, *drops, curve]))
+
+
+def _near(name: str, size: int, sd: float) -> Block:
+    return numbers(name, np.zeros(size), sd, _REACH * sd)
+
+
+def _hats(knots: Array, soc: Array) -> Array:
+    """Triangles over ``knots`` (K,), level beyond them: (K, T)."""
+    place = np.interp(soc, knots, np.arange(knots.size, dtype=float))
+    return np.asarray(np.maximum(1.0 - np.abs(place - np.arange(knots.size)[:, None]), 0.0))
+
+
+def lagging(time_s: Array, series: Array, tau_s: float) -> Array:
+    """What follows a series with a time constant, from rest."""
+    late = Course(np.diff(time_s)).lag(np.zeros(1), series[:-1], series[1:], np.array(tau_s))
+    return np.concatenate([[0.0], np.asarray(late)])
+
+
+def lab_of(battery: BatteryFile, model: ModelName, series: int | None, capacity_c: float | None) -> Lab:
+    """The pack of a battery file; ``series`` and ``capacity_c`` come from the vehicle where the file is of a cell only.
+
+    Raises BadInputError when neither says how many cells there are, or when they contradict each other.
+    """
+    cell = battery.cell(model)
+    if battery.series is not None and series is not None and battery.series != series:
+        raise BadInputError(battery.name, f"is a pack of {battery.series} cells, the vehicle file says {series}")
+    cells = battery.series if battery.series is not None else series
+    if cells is None:
+        raise BadInputError(
+            battery.name, "is a cell that any pack may be built from: how many cells?", "give the --vehicle file"
+        )
+    own = float(np.asarray(cell.capacity_c))
+    parallel = 1.0 if battery.series is not None or capacity_c is None else capacity_c / own
+    said = battery.uncertainty
+    identified = battery.series is not None
+    ohm = _ohm(cell)
+    hover_v = ohm * _HOVER_C * own / SECONDS_PER_HOUR
+
+    def spread(kind: str, wide: float, known: float) -> float:
+        return max(known, _LEAST_SD[kind]) if identified else max(wide, _LEAST_SD[kind])
+
+    return Lab(
+        model=model,
+        cell=cell,
+        effects=battery.effects(model),
+        series=cells,
+        parallel=parallel,
+        ohm=ohm,
+        voltage_error_v=said.voltage_error_v,
+        identified=identified,
+        ohmic_share=float(np.asarray(cell.r_s if isinstance(cell, Circ) else cell.r_o)) / ohm,
+        resistance_sd=spread("resistance", said.resistance, 0.0),
+        polarisation_sd=spread("polarisation", said.polarisation, 0.0),
+        capacity_sd=spread("capacity", said.capacity, 0.0),
+        bend_sd_v=float(np.clip(0.3 * said.voltage_error_v, *_BEND_SD)) if identified else said.voltage_error_v,
+        drop_sd=float(np.clip(said.voltage_error_v / hover_v / np.sqrt(len(DROP_S)), *_DROP_SD)),
+    )
+
+
+def _ohm(cell: CellModel) -> float:
+    if isinstance(cell, Circ):
+        return float(np.asarray(cell.r_s + cell.surface_resistance(np.array(0.5), Modifiers())))
+    assert isinstance(cell, Chem)
+    one_c = float(np.asarray(cell.capacity_c)) / SECONDS_PER_HOUR
+    kinetic = 2.0 * 0.0257 * (np.arcsinh(one_c / cell.i_p0) + np.arcsinh(one_c / cell.i_n0)) / one_c
+    return float(np.asarray(cell.r_o + kinetic))
+
+
+class LabError(Effect):
+    """The scales of a well identified model, as an effect; many candidates (M, 1) in one call."""
+
+    def __init__(self, values: dict[str, Array]) -> None:
+        polarisation = np.exp(-values["lab_polarisation"])
+        self._by = Modifiers(
+            resistance=np.exp(values["lab_resistance"]),
+            kinetics=polarisation,
+            diffusion=polarisation,
+            capacity=np.exp(values["lab_capacity"]),
+        )
+
+    def modifiers(self, state: tuple[Value, ...], at: Conditions) -> Modifiers:
+        return self._by

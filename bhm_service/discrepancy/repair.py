@@ -1,0 +1,101 @@
+"""The battery as it is explained: the effects in its file, and what it changes for the time in the air."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bhm_service.battery.battery_file import BatteryFile, Joined
+from bhm_service.battery.effects import Effect
+from bhm_service.battery.pack import PackModel
+from bhm_service.battery.parameters import parameters_of
+from bhm_service.discrepancy.candidate import Candidate
+from bhm_service.discrepancy.explanation import Flying
+from bhm_service.discrepancy.joint import Fitted, Joint
+from bhm_service.prediction.end_of_discharge import Limits, end_of_discharge
+
+RESERVE_SOC = 0.2
+_CUTOFF_V = 3.2  # [V] of a cell
+
+
+def repaired(battery: BatteryFile, fitted: Fitted, source: str) -> tuple[BatteryFile, list[str]]:
+    """The battery with the members' effects joined, and what of them a file cannot hold.
+
+    What differs from flight to flight stays out of the file: a start that is not full, times of a bad contact.
+    """
+    joined, remarks = list(battery.joined), []
+    for member in fitted.joint.members:
+        for key, kind in member.parts:
+            found = _joined(fitted, member, key, kind)
+            if found is None:
+                remarks.append(f"{kind.id}: differs from flight to flight, so no battery file can hold it")
+            else:
+                joined = [j for j in joined if j.effect.id != found.effect.id] + [found]
+    model = fitted.joint.lab.model
+    only = tuple(replace(j, model=model) if j not in battery.joined else j for j in joined)
+    return replace(battery, joined=only, source=f"{battery.source}; {source}".lstrip("; ")), remarks
+
+
+def _joined(fitted: Fitted, member: Candidate, key: str, kind: type[Effect]) -> Joined | None:
+    unknowns = fitted.joint.unknowns
+    values = unknowns.values(fitted.x)
+    given: dict[str, float] = {}
+    spread: dict[str, float] = {}
+    for u in member.unknowns:
+        if u.effect != key:
+            continue
+        if u.per_flight and u.declared.absent is not None:
+            return None
+        number, sd = values[u.name][0], fitted.sd(u.name)
+        if u.log:
+            sd = sd * number
+        given[u.declared.name] = float(number.mean() * u.declared.scale)
+        across = float(number.std()) if u.per_flight else 0.0
+        spread[u.declared.name] = float(np.hypot(sd.mean(), across) * u.declared.scale)
+    if kind.id == "intermittent-contact":
+        return None
+    last = {name.rsplit(".", 1)[1]: told[-1] for name, told in member.fixed.items() if name.startswith(f"{key}.")}
+    scales = {p.name: p.scale for p in kind.parameters()}
+    return Joined(effect=kind(**given, **{n: v * scales[n] for n, v in last.items()}), sd=spread)
+
+
+def retuned(battery: BatteryFile, fitted: Fitted) -> BatteryFile:
+    """The battery with its own resistance and capacity moved to where the flights put them."""
+    values = fitted.joint.unknowns.values(fitted.x)
+    ohmic, charge = (float(np.exp(values[f"lab_{name}"][0, 0])) for name in ("resistance", "capacity"))
+    circ, chem = battery.circ, battery.chem
+    if circ is not None:
+        circ = replace(circ, r_s=circ.r_s * ohmic, c_max=circ.c_max * charge)
+    if chem is not None:
+        chem = replace(chem, r_o=chem.r_o * ohmic, q_max=chem.q_max * charge)
+    return replace(battery, circ=circ, chem=chem)
+
+
+def as_numbers(effect: Effect) -> Effect:
+    """An effect of one column as one of plain numbers, as the predictor takes it."""
+    names = [p.name for p in parameters_of(type(effect))]
+    return replace(effect, **{n: float(np.ravel(getattr(effect, n))[0]) for n in names})  # type: ignore[type-var]
+
+
+def flying(joint: Joint, fitted: Fitted) -> list[Flying]:
+    """Time from the start of each flight to the reserve at its mean load, before and after."""
+    found = []
+    lab = joint.lab
+    limits = Limits(threshold_soc=RESERVE_SOC, cutoff_v=_CUTOFF_V * lab.series)
+    starts = joint.unknowns.values(fitted.x)["start_soc"][0]
+    for k, data in enumerate(joint.flights):
+        power = np.nanmean((data.voltage_v * data.current_a)[data.airborne]) if data.airborne.any() else np.nan
+        if not np.isfinite(power) or power <= 0.0:
+            continue
+        kelvin = None if data.temperature_k is None else float(data.temperature_k[0])
+        times = []
+        own = [as_numbers(e) for c in joint.members for e in c.effects(joint.unknowns.values(fitted.x), k)]
+        soc = 1.0 if data.reading is None else data.reading
+        for effects, start in (((), soc), (own, float(starts[k]))):
+            pack = PackModel(lab.cell, lab.series, lab.parallel, [*lab.effects, *effects])
+            states = np.array([[float(np.ravel(s)[0]) for s in pack.start(np.array(start))]])
+            time_s, _ = end_of_discharge(pack, states, np.array([power]), limits, kelvin)
+            times.append(float(time_s[0]))
+        found.append(Flying(data.label, times[0], times[1]))
+    return found

@@ -1,0 +1,96 @@
+"""What may be said: the grammar of verdicts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bhm_service.discrepancy.explanation import Contest, Course
+from bhm_service.discrepancy.findings import Verdict
+from bhm_service.discrepancy.flights import FlightData
+from bhm_service.discrepancy.joint import Fitted
+from bhm_service.discrepancy.search import LEAST_SNR, Search
+from bhm_service.discrepancy.selection import LEAST_V, Selection
+from bhm_service.units import Array
+
+SENSORS = frozenset({"current-gain", "current-offset", "voltage-gain", "voltage-offset", "time-skew"})
+_BEATEN = 0.8  # of the phantom drivers, below which a name is one of several
+_SHIFTED = 3.0  # standard deviations of the lab by which a parameter has moved
+_SLOW_S = 15.0  # misfit faster than this is noise
+_REST = 0.15  # of the misfit: what is left beyond this is said to be left
+_UNKNOWN_LAB = 0.6  # times the lab's voltage error: a slow misfit beyond this is no error of the lab
+_UNLIKE = 3.0  # times the usual flight: a misfit that only some flights have
+_FEWEST_VISIBLE = 3  # effects that recordings must be able to show before their silence says anything
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """A verdict and what is left unexplained."""
+
+    verdict: Verdict
+    rest: float
+    sentence: str
+    in_words: tuple[str, ...]
+
+
+def judge(
+    found: Search, chosen: Selection, fitted: Fitted, courses: Sequence[Course], rivals: Sequence[Contest]
+) -> Judged:
+    """The verdict on a selection."""
+    before = [slow(c.flight.voltage_v - c.before_v, c.flight) for c in courses]
+    after = [slow(c.flight.voltage_v - c.after_v, c.flight) for c in courses]
+    floor = found.noise.sigma_v**2 / _SLOW_S
+    rest = _power(after, floor) / max(_power(before, floor), 1e-12)
+    strange = _strange(found, after, floor)
+    named = chosen.names
+    verdict: Verdict
+    if named:
+        unproven = rivals and float(np.mean([c.beaten for c in rivals])) < _BEATEN
+        alone: Verdict = "sensor-suspect" if named <= SENSORS else "named"
+        verdict = "ambiguous" if chosen.alternatives or unproven else alone
+    elif strange:
+        verdict = "unknown"
+    elif _moved(found, fitted):
+        verdict = "parameter"
+    elif sum(snr >= LEAST_SNR for snr in found.snr.values()) < _FEWEST_VISIBLE:
+        verdict = "not-excited"
+    else:
+        verdict = "none"
+    left = float(np.clip(rest, 0.0, 1.0)) if strange or (named and rest > _REST) or verdict == "unknown" else 0.0
+    return Judged(verdict, left, "", ())
+
+
+def slow(misfit: Array, data: FlightData) -> Array:
+    """A misfit averaged over a quarter of a minute: what noise is not."""
+    width = max(int(_SLOW_S / max(float(np.median(np.diff(data.time_s))), 0.1)), 1)
+    known = np.isfinite(misfit)
+    kernel = np.ones(width)
+    above = np.convolve(np.where(known, misfit, 0.0), kernel, mode="same")
+    return np.asarray(above / np.maximum(np.convolve(known.astype(float), kernel, mode="same"), 1.0))
+
+
+def _power(parts: Sequence[Array], floor: float) -> float:
+    return max(float(np.mean(np.concatenate(parts) ** 2)) - floor, 0.0)
+
+
+def _strange(found: Search, after: Sequence[Array], floor: float) -> bool:
+    """Whether more is left than errors of the lab, or far more in some flights than in most."""
+    series = found.base.lab.series
+    left = np.sqrt(np.maximum([np.mean(a**2) - floor for a in after], 0.0))
+    usual = max(float(np.median(left)), 0.5 * LEAST_V * series)
+    worst = float(left.max())
+    lab = _UNKNOWN_LAB * found.base.lab.voltage_error_v * series
+    return bool(
+        worst > max(lab, 2.0 * LEAST_V * series) or (worst > _UNLIKE * usual and worst > 2.0 * LEAST_V * series)
+    )
+
+
+def _moved(found: Search, fitted: Fitted) -> bool:
+    unknowns = fitted.joint.unknowns
+    for name in ("lab_resistance", "lab_capacity"):
+        where = unknowns.slice_of(name)
+        if abs(float(fitted.x[where][0])) > _SHIFTED * float(fitted.joint.scale[where][0]):
+            return True
+    return False
