@@ -15,8 +15,14 @@ from bhm_service.recorded import Recorded
 
 
 def read_service(path: Path | None) -> Service:
-    """The service file, or its defaults."""
-    return Service() if path is None else checked(Service, read_toml(path), str(path))
+    """The service file, or its defaults; the key file that it names is found from where it is itself."""
+    if path is None:
+        return Service()
+    said = checked(Service, read_toml(path), str(path))
+    if said.link.signing_key is None:
+        return said
+    link = said.link.model_copy(update={"signing_key": path.parent / said.link.signing_key})
+    return said.model_copy(update={"link": link})
 
 
 def configured(config: Path | None, vehicle: Path | None, battery: Path | None) -> tuple[Equipment, Service]:

@@ -119,3 +119,11 @@ def test_capacity_and_its_doubt_come_from_the_vehicle_file(written):
     tracker = equipment.tracker(Model.CIRC)
     assert tracker.pack.capacity_c == pytest.approx(5.0 * 3600.0)
     assert tracker.uncertainty.capacity == pytest.approx(0.05)
+
+
+def test_a_signing_key_is_found_from_where_the_service_file_is(tmp_path):
+    path = tmp_path / "service.toml"
+    path.write_text('[link]\nsigning_key = "keys/mine.key"\n')
+    assert read_service(path).link.signing_key == tmp_path / "keys" / "mine.key"
+    path.write_text('[link]\nsigning_key = "/etc/bhm/mavlink.key"\n')
+    assert str(read_service(path).link.signing_key) == "/etc/bhm/mavlink.key"

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from bhm_service.errors import BadInputError
+from bhm_service.mavlink.lookup import Lookup, LookupFailedError
 
 Peer: TypeAlias = object
 Chunk: TypeAlias = tuple[Peer, bytes]
@@ -98,6 +99,7 @@ class UdpTransport(Transport):
     def __init__(self, url: LinkUrl, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(url)
         self._clock = clock
+        self._lookup = Lookup(url.target, url.number, socket.SOCK_DGRAM)
         self._socket: socket.socket | None = None
         self._peers: dict[Any, float] = {}
 
@@ -106,7 +108,7 @@ class UdpTransport(Transport):
         return self.url.kind == "udpin"
 
     def open(self) -> None:
-        family, address = _resolved(self.url, socket.SOCK_DGRAM)
+        family, address = _resolved(self._lookup)
         opened = socket.socket(family, socket.SOCK_DGRAM)
         opened.setblocking(False)
         try:
@@ -274,12 +276,13 @@ class TcpTransport(StreamTransport):
     def __init__(self, url: LinkUrl, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(url)
         self._clock = clock
+        self._lookup = Lookup(url.target, url.number, socket.SOCK_STREAM)
         self._socket: socket.socket | None = None
         self._connected = False
         self._give_up_s = 0.0
 
     def open(self) -> None:
-        family, address = _resolved(self.url, socket.SOCK_STREAM)
+        family, address = _resolved(self._lookup)
         opened = socket.socket(family, socket.SOCK_STREAM)
         opened.setblocking(False)
         _lively(opened)
@@ -329,11 +332,12 @@ class TcpServerTransport(StreamTransport):
 
     def __init__(self, url: LinkUrl) -> None:
         super().__init__(url)
+        self._lookup = Lookup(url.target, url.number, socket.SOCK_STREAM)
         self._listener: socket.socket | None = None
         self._peer: socket.socket | None = None
 
     def open(self) -> None:
-        family, address = _resolved(self.url, socket.SOCK_STREAM)
+        family, address = _resolved(self._lookup)
         listener = socket.socket(family, socket.SOCK_STREAM)
         listener.setblocking(False)
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -405,12 +409,11 @@ def wait_for(transports: list[Transport], timeout_s: float) -> list[Transport]:
     return list(dict.fromkeys(owner[descriptor] for descriptor, _ in told))
 
 
-def _resolved(url: LinkUrl, kind: int) -> tuple[Any, Any]:
+def _resolved(lookup: Lookup) -> tuple[int, Any]:
     try:
-        found = socket.getaddrinfo(url.target, url.number, type=kind)
-    except OSError as why:
-        raise LinkDownError(f"host {url.target!r} is not known: {_words(why)}") from None
-    return found[0][0], found[0][4]
+        return lookup.address()
+    except LookupFailedError as why:
+        raise LinkDownError(str(why)) from None
 
 
 def _lively(opened: socket.socket) -> None:

@@ -95,3 +95,23 @@ def test_a_link_that_is_down_is_waited_for_without_a_busy_loop(end):
 def test_a_url_that_cannot_be_says_what_can(url):
     with pytest.raises(BadInputError, match="serial:DEVICE:BAUD"):
         Links([url])
+
+
+def test_a_host_that_is_not_known_is_told_and_tried_again():
+    links = Links(["tcp:no-such-host.invalid:5760"])
+    try:
+        said = poll_until(links, lambda said: any("is not known" in m.because for m in statuses_all(said)))
+        assert {m.status for m in statuses_all(said)} == {LinkStatus.DOWN}
+    finally:
+        links.close()
+
+
+def test_a_name_leads_to_the_same_place_as_its_number():
+    end = TcpEnd("tcp")
+    end.up()
+    links = Links([end.url.replace("127.0.0.1", "localhost")])
+    try:
+        poll_until(links, BATTERY, Autopilot(end))
+    finally:
+        links.close()
+        end.down()
