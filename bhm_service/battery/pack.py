@@ -30,6 +30,7 @@ class Simulation:
 
     voltage: Array  # [V] as the sensor would read it
     soc: Array  # [-]
+    temperature: Value  # [K] of the cells: measured, or what an effect makes of it
     states: tuple[Array, ...]  # in the order of `PackModel.state_names`
 
 
@@ -101,6 +102,16 @@ class PackModel:
         for effect, where in self._rising:
             known = known + effect.temperature_rise(states[where])
         return np.minimum(np.maximum(known, _COLDEST_K), _HOTTEST_K) if self._carrying or self._rising else known
+
+    @property
+    def carries_temperature(self) -> bool:
+        """Whether an effect has the pack's temperature as a state."""
+        return bool(self._carrying)
+
+    def carried_temperature(self, states: Array) -> Array:
+        """That temperature, where a sensor would sit [K]; ``states`` (..., n_states)."""
+        effect, where = self._carrying[-1]
+        return np.asarray(effect.cell_temperature(_columns(states)[where]))
 
     def modifiers(self, states: States, temperature: Value | None, current: Value = 0.0) -> Modifiers:
         """What the effects together lay on the cells under a true pack current [A]."""
@@ -272,7 +283,8 @@ class PackModel:
             ends = self._advance(Course(dt), start, start, begin, end, temperature)
         states = tuple(_from_start(s, e, time_s.size) for s, e in zip(start, ends, strict=True))
         voltage = np.asarray(self._voltage(states, current_a, temperature_k))
-        return Simulation(voltage=voltage, soc=states[0], states=states)
+        known = self._known(states, temperature_k)
+        return Simulation(voltage=voltage, soc=states[0], temperature=known, states=states)
 
     def _swept(self, dt: Array, start: States, begin: Array, end: Array, temperature: Array | None) -> States:
         """States at the ends of all intervals where they act on what moves them, window by window."""

@@ -41,6 +41,7 @@ _DISCHARGE_C, _CHARGE_C = 100.0, 0.05
 _REST_C = 0.2  # below this the pack rests: its voltage says nothing of its resistance
 _GATE = 25.0  # innovations beyond five standard deviations are not used
 _PATIENCE_S, _PATIENCE_SAMPLES = 8.0, 5  # refused for so long, the filter is what is wrong
+_THERMOMETER_K, _THERMOMETER_S = 1.0, 20.0  # how far a reading is from the cells, and for how long by the same amount
 _NIS_MEMORY_S = 20.0
 _FAR = 4.0  # standard deviations of the model's voltage error: further off, the belief is what is wrong
 _SETTLE_S = 20.0  # a new belief is left alone for so long
@@ -103,13 +104,14 @@ class Tracker:
         self._full_v = float(np.asarray(self.pack.open_circuit(1.0)))
         self._rest_states = np.array([np.broadcast_to(v, _GRID.shape) for v in self.pack.rest(_GRID)]).T
         # Resistance of the pack in the first seconds of a load, and after minutes of it.
+        self._prompt_ohm = self._drop_ohm(self._capacity_a, 1.0)
+        self._settled_ohm = self._drop_ohm(1e-3 * self._capacity_a, 600.0)
+
+    def _drop_ohm(self, current: float, seconds: float) -> float:
+        """Drop under a current that has run for so long, against none: loads past the sensor are in both. [Ohm]"""
         states = np.array([self.pack.rest(0.5)], dtype=float)
-        loaded = self.pack.step(states, 1.0, self._capacity_a)
-        settled = self.pack.step(states, 600.0, 1e-3 * self._capacity_a)
-        rested = float(self.pack.voltage(states, 0.0)[0])
-        self._prompt_ohm = (rested - float(self.pack.voltage(loaded, self._capacity_a)[0])) / self._capacity_a
-        low = 1e-3 * self._capacity_a
-        self._settled_ohm = (rested - float(self.pack.voltage(settled, low)[0])) / low
+        idle, loaded = (float(self.pack.voltage(self.pack.step(states, seconds, i), i)[0]) for i in (0.0, current))
+        return (idle - loaded) / current
 
     # ---- beginning ----------------------------------------------------------------------------------------------
 
@@ -172,7 +174,7 @@ class Tracker:
         self._correlate(covariance, self._error, -sd_error / total * soc_sd)
         self._correlate(covariance, self._log_r, math.copysign(sd_drop / total, drop) * soc_sd)
         return Track(
-            belief=Belief(mean, covariance),
+            belief=self._felt(Belief(mean, covariance), sample, _THERMOMETER_S),
             time_s=sample.time_s,
             current_a=current,
             load_a=current if before is None else before.load_a,
@@ -277,6 +279,17 @@ class Tracker:
         dt = sample.time_s - track.time_s
         if dt <= 0.0:
             return track.belief
+        return self._felt(self._moved(track, sample, current, dt), sample, dt)
+
+    def _felt(self, belief: Belief, sample: BatterySample, dt: float) -> Belief:
+        """The belief with a measured temperature taken in, if it has a temperature at all."""
+        if sample.temperature_k is None or not self.pack.carries_temperature:
+            return belief
+        variance = _THERMOMETER_K**2 * max(1.0, _THERMOMETER_S / max(dt, 0.05))
+        seen = self._filter.innovate(belief, self.pack.carried_temperature, sample.temperature_k, variance)
+        return self._filter.update(seen)
+
+    def _moved(self, track: Track, sample: BatterySample, current: float | None, dt: float) -> Belief:
         begin, end = (track.load_a, track.load_a) if current is None else (track.current_a, current)
         return self._filter.predict(
             track.belief,

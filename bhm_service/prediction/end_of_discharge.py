@@ -51,6 +51,7 @@ def end_of_discharge(
     ----------
     states : array (M, n_states)   one state per sample.
     power_w : array (M,)           the load that each meets, held. [W]
+    temperature_k : float          of the pack, held, unless the pack carries its temperature as a state. [K]
     pieces : int                   steps that the charge left is divided into; by its duration if not given.
 
     Returns
@@ -60,6 +61,8 @@ def end_of_discharge(
 
     Source: NASA/TM-20230012868, eqs. (4), (5), Algorithm 1.
     """
+    if pack.carries_temperature:  # the states know it, and how it goes on
+        temperature_k = None
     count = states.shape[0]
     elapsed = np.zeros(count)
     ended_at = np.full(count, np.inf)

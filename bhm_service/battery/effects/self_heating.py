@@ -20,8 +20,9 @@ _USUAL_KG = 2.0
 class SelfHeating(Effect):
     """C dT/dt = losses - hA (T - T_ambient); carries temperature, feeds back through whatever depends on it.
 
-    The ambient and what the pack is warmer at the start are unknowns of each flight. Where the pack's temperature is
-    measured the measurement is used, and this state is only a prediction of it.
+    The ambient and what the pack is warmer at the start are unknowns of each flight, so the states are the ambient,
+    which stays, and what the pack is warmer than it: a filter that knows neither knows that they hang together.
+    Where the pack's temperature is measured the measurement is used, and what these states say is a prediction of it.
     """
 
     id: ClassVar[str] = "self-heating"
@@ -33,7 +34,7 @@ class SelfHeating(Effect):
     manoeuvre: ClassVar[str] = "use the same charge at two loads; or rest 15 min on the ground, then fly on"
     supplies: ClassVar[tuple[str, ...]] = ("temperature",)
     shown_by: ClassVar[tuple[str, ...]] = ("resistance-temperature", "cold-capacity", "entropic-voltage")
-    state_names: ClassVar[tuple[str, ...]] = ("temperature",)
+    state_names: ClassVar[tuple[str, ...]] = ("ambient", "warmth")
     feedback: ClassVar[bool] = True
 
     heat_capacity: Value = parameter(
@@ -66,14 +67,15 @@ class SelfHeating(Effect):
         }
 
     def start(self) -> tuple[Value, ...]:
-        return (self.ambient + self.start_above,)
+        return (self.ambient, self.start_above)
 
     def spread(self) -> tuple[Spread, ...]:
-        return (Spread(4.0, 0.02),)
+        return (Spread(10.0, 0.01), Spread(4.0, 0.02))
 
     def cell_temperature(self, state: tuple[Value, ...]) -> Value:
-        return state[0]
+        return state[0] + state[1]
 
     def advance(self, solver: Solver, start: tuple[Value, ...], interval: Interval) -> tuple[Value, ...]:
-        settled = self.ambient + interval.losses / self.conductance
-        return (solver.lag(start[0], settled, settled, self.heat_capacity / self.conductance),)
+        settled = interval.losses / self.conductance
+        warmth = solver.lag(start[1], settled, settled, self.heat_capacity / self.conductance)
+        return (solver.counter(start[0], 0.0, 0.0), warmth)

@@ -40,7 +40,7 @@ def test_self_heating_is_the_solution_of_its_heat_balance():
         return (10.0**2 * ohm - 0.3 * (kelvin - 272.0)) / 300.0
 
     truth = solve_ivp(rate, (0.0, 900.0), [278.0], t_eval=T, rtol=1e-10, atol=1e-10).y[0]
-    found = run(OHMIC, arrhenius, warm, current=STEADY).states[-1]
+    found = run(OHMIC, arrhenius, warm, current=STEADY).temperature
     assert np.ptp(truth) > 2.0
     np.testing.assert_allclose(found, truth, atol=2e-3)
 
@@ -51,7 +51,7 @@ def test_settled_temperature_carries_all_losses_to_the_air(cell):
     pack = PackModel(cell, N, 1.0, [warm])
     out = pack.simulate(T, STEADY, 0.95)
     losses = 10.0 * (pack.open_circuit(out.soc) - out.voltage)
-    np.testing.assert_allclose(out.states[-1][-300:] - 290.0, losses[-300:] / 2.0, rtol=0.01)
+    np.testing.assert_allclose(out.temperature[-300:] - 290.0, losses[-300:] / 2.0, rtol=0.01)
 
 
 def test_measured_temperature_goes_before_the_state():
@@ -69,7 +69,7 @@ def test_core_rises_above_the_sensor_by_losses_times_resistance():
     rise = 0.5 * 10.0**2 * N * 0.004 * (1 - np.exp(-T / 200.0))
     np.testing.assert_allclose(out.states[-1], rise, rtol=1e-6, atol=1e-9)
     inside = run(OHMIC, lag, arrhenius, current=STEADY, kelvin=290.0)
-    core = 290.0 + inside.states[2]
+    core = inside.temperature
     ohm = N * 0.004 * np.exp(20e3 / GAS_CONSTANT * (1 / core - 1 / 298.15))
     np.testing.assert_allclose(inside.voltage, N * CURVE.voltage(inside.soc) - 10.0 * ohm, atol=1e-7)
 
@@ -98,7 +98,7 @@ def test_strong_feedback_still_settles_to_what_steps_give(cell):
     states = np.array(pack.start(0.95))
     for _ in T[1:]:
         states = pack.step(states, 1.0, 10.0, 10.0)
-    assert whole.states[-2][-1] - 263.0 > 15.0
+    assert whole.states[-2][-1] > 15.0
     np.testing.assert_allclose([s[-1] for s in whole.states], states, rtol=1e-8, atol=1e-9)
 
 
@@ -107,7 +107,7 @@ def test_entropy_moves_the_resting_voltage_and_heats():
     rest = np.zeros(T.size)
     np.testing.assert_allclose(difference(circ(), entropy, current=rest, kelvin=278.15), N * 0.3e-3 * 20.0, rtol=1e-9)
     warm = fx.SelfHeating(heat_capacity=5.0, conductance=2.0, ambient=290.0)
-    hot = run(OHMIC, entropy, warm, current=STEADY).states[-1][-1]
+    hot = run(OHMIC, entropy, warm, current=STEADY).temperature[-1]
     assert 2.0 * (hot - 290.0) == pytest.approx(10.0**2 * N * 0.004 + 10.0 * N * 0.3e-3 * hot, rel=1e-6)
 
 
