@@ -73,12 +73,18 @@ def warming():
 
 def test_a_thermometer_teaches_the_filter_the_packs_temperature_and_the_air_around_it():
     run, effects = warming()
-    lost = np.where(T < 600.0, run.temperature, np.nan)
-    tracks, pack = flown(effects, run.voltage + NOISE, lost)
+    tracks, pack = flown(effects, run.voltage + NOISE, run.temperature, until=300)
     states = tracks[-1].belief.mean[None, :]
-    assert np.ptp(run.temperature) > 5.0
-    assert pack.carried_temperature(states)[0] == pytest.approx(run.temperature[-1], abs=1.5)
+    assert run.temperature[299] - run.temperature[0] > 5.0
+    assert pack.carried_temperature(states)[0] == pytest.approx(run.temperature[299], abs=1.0)
     assert states[0, pack.state_names.index("ambient")] == pytest.approx(276.0, abs=5.0)
+
+
+def test_a_thermometer_that_falls_silent_leaves_a_temperature_that_is_still_known():
+    run, effects = warming()
+    tracks, pack = flown(effects, run.voltage + NOISE, np.where(T < 600.0, run.temperature, np.nan))
+    carried = pack.carried_temperature(tracks[-1].belief.mean[None, :])[0]
+    assert carried == pytest.approx(run.temperature[-1], abs=1.5)
 
 
 def test_prediction_lets_a_pack_that_carries_its_temperature_warm_up():
