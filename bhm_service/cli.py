@@ -208,11 +208,15 @@ def sim(**given: Any) -> None:
 @cli.command()
 @click.argument("logs", nargs=-1, required=True, type=_FILE, metavar="LOG...")
 @click.option("--battery", type=_FILE, required=True, help="The battery file that the flights disagree with.")
-@click.option("--vehicle", type=_FILE, help="Vehicle file: cells and capacity where the battery file is of a cell only.")
+@click.option(
+    "--vehicle", type=_FILE, help="Vehicle file: cells and capacity where the battery file is of a cell only."
+)
 @click.option("--sidecar", type=_FILE, help="CSV about the flights: file, rest_voltage_V, rest_minutes, cycles, "
               "storage_days, ambient_C.")  # fmt: skip
 @click.option("--battery-id", type=click.IntRange(0, 255), help="MAVLink battery id. [the sidecar's, else the first]")
-@click.option("--model", type=click.Choice(["circ", "chem"]), help="Cell model to explain with. [circ where there is one]")
+@click.option(
+    "--model", type=click.Choice(["circ", "chem"]), help="Cell model to explain with. [circ where there is one]"
+)
 @click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, metavar="DIR",
               help="Where findings and report go.")  # fmt: skip
 @click.option("--install", is_flag=True, help="Put the repaired battery beside the old one, to fly in its shadow.")

@@ -27,12 +27,12 @@ def make(sheet: CaseSheet, cases: Path, answers: Path) -> Answer:
 
 def _table(answers: list[Answer]) -> Table:
     table = Table(title="Concealed cases")
-    for name in ("case", "kind", "world", "effects", "SNR", "noise", "withheld"):
-        table.add_column(name, justify="right" if name == "SNR" else "left")
+    for name in ("case", "kind", "effects", "SNR", "noise", "withheld"):
+        table.add_column(name, justify="right" if name == "SNR" else "left", overflow="fold")
     for answer in sorted(answers, key=lambda a: a.index):
-        effects = " + ".join(f"{e.name} ({e.size})" for e in answer.effects) or "none"
+        effects = "\n".join(f"{e.size} {e.name}" for e in answer.effects) or "none"
         withheld = ", ".join(answer.withheld)
-        table.add_row(answer.case, answer.kind, answer.world, effects, f"{answer.snr:.1f}", answer.noise, withheld)
+        table.add_row(answer.case, answer.kind, effects, f"{answer.snr:.1f}", answer.noise, withheld)
     return table
 
 

@@ -34,8 +34,12 @@ def activation_kj_mol(pack: Pack, low_c: float, high_c: float) -> float:
 
 
 def _seasons(scene: Scene, contrast: float) -> Array:
-    """Temperatures of the flights: mostly colder than the lab."""
-    return scene.shuffled(25.0 - 1.2 * contrast, 25.0 + 0.4 * contrast) + scene.rng.uniform(-1.0, 1.0, scene.flights)
+    """Temperatures of the flights, of pack and air: mostly colder than the lab."""
+    spread = scene.shuffled(25.0 - 1.2 * contrast, 25.0 + 0.4 * contrast)
+    ambient = spread + scene.rng.uniform(-1.0, 1.0, scene.flights)
+    scene.demand(air_c=ambient)
+    scene.permitted.append("air-density")
+    return ambient
 
 
 def _resistance_temperature(scene: Scene, contrast: float) -> None:
@@ -174,6 +178,7 @@ def _self_discharge(scene: Scene, per_day: float) -> None:
 def _rate_capacity(scene: Scene, exponent: float) -> None:
     scene.cells(rate_exponent=1.0 + exponent)
     scene.demand(mass=scene.knobs.demand.mass * scene.shuffled(0.80, 1.30))
+    scene.permitted += ["payload-mass", "propulsion-efficiency"]
     scene.tell("exponent", 1.0 + exponent, "")
 
 

@@ -25,6 +25,7 @@ class Scene:
     storage_days: Array | None = None
     parameters: dict[str, dict[str, float | str]] = field(default_factory=dict)  # of the effect being laid
     accept: tuple[str, ...] | None = None  # where it is not the kind's own
+    permitted: list[str] = field(default_factory=list)  # true besides: what the effect brings with it
     change_points: list[tuple[int, float]] = field(default_factory=list)  # flight, seconds in its log
 
     @property

@@ -18,6 +18,7 @@ from sim.concealed.knobs import Knobs, neutral
 from sim.concealed.load import DT, Load, Plan, demand, fly_plans
 from sim.concealed.other_effects import DEMAND_EFFECTS, OUTSIDE_EFFECTS, SENSOR_EFFECTS
 from sim.concealed.packs import GRID, SERIES, Array, Pack, draw_pack
+from sim.concealed.porous import PorousPack
 from sim.concealed.sensors import Quality, Recording, draw_quality, record, told_voltage
 from sim.concealed.sheets import CaseSheet
 from sim.concealed.strength import Shown, power_snr, ranges, voltage_snr
@@ -292,6 +293,17 @@ def _sidecar(sheet: CaseSheet, laid: Laid, flown: Flown) -> tuple[str, tuple[str
     return "\n".join(rows) + "\n", decoys
 
 
+def _boxed(sheet: CaseSheet, recordings: list[Recording]) -> list[Recording]:
+    """The thermometer sits outside a heated box: it tells of the weather and of its own sun, not of the cells."""
+    rng = sheet.generator("box")
+    weather = rng.permutation(np.linspace(-4.0, 30.0, len(recordings)))
+    warms = rng.uniform(4.0, 14.0, len(recordings))
+    return [
+        replace(r, temperature_c=np.round(c + w * (1.0 - np.exp(-r.boot_s / 500.0))))
+        for r, c, w in zip(recordings, weather, warms, strict=True)
+    ]
+
+
 def _write(directory: Path, runs: dict[str, lab.LabRun], logs: list[bytes], sidecar: str) -> None:
     for name in ("lab", "flights"):
         (directory / name).mkdir(parents=True, exist_ok=True)
@@ -319,13 +331,12 @@ def _release_points(laid: Laid, flown: Flown) -> tuple[tuple[int, float], ...]:
 def generate(sheet: CaseSheet, directory: Path) -> Answer:
     """Write the case to a directory and return its answer. The same sheet gives the same bytes.
 
-    Raises KeyError for an effect that the world does not know, ImportError for the porous world without PyBaMM.
+    Raises KeyError for an effect that the world does not know, BadInputError for the porous world
+    without PyBaMM.
     """
     pack = draw_pack(sheet.generator("pack"))
     porous = None
     if sheet.world == "porous":
-        from sim.concealed.porous import PorousPack  # heavy, and an extra of its own
-
         porous = PorousPack(sheet.generator("porous"), pack)
         pack = porous.pack
     plain = _plain(sheet, pack)
@@ -346,6 +357,8 @@ def generate(sheet: CaseSheet, directory: Path) -> Answer:
         record(rng, quality, laid.knobs, flown, f, sheet.temperature_recorded, sheet.cells_recorded)
         for f in range(sheet.flights)
     ]
+    if sheet.boxed:
+        recordings = _boxed(sheet, recordings)
     sidecar, decoys = _sidecar(sheet, laid, flown)
     logs = [tlog(recording, f) for f, recording in enumerate(recordings)]
     bench = (
@@ -364,7 +377,7 @@ def generate(sheet: CaseSheet, directory: Path) -> Answer:
         pack={"chemistry": pack.chemistry, "capacity_ah": pack.capacity_ah, "series": float(SERIES)},
         effects=effects,
         accept=_accepted(laid, effects, passing),
-        permitted=PERMITTED,
+        permitted=(*PERMITTED, *laid.scene.permitted),
         change_points=_release_points(laid, flown),
         snr=round(snr, 2),
         snr_class=snr_class(snr),

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import pybamm
 
+from bhm_service.errors import BadInputError
 from sim.concealed.flying import REST_MINUTES, SECOND, Flown, contact_along
 from sim.concealed.knobs import Knobs
 from sim.concealed.lab import LabRun, load_profile
@@ -39,10 +39,19 @@ class _Conditions:
 
 
 class PorousPack:
-    """Cells of one parameter set, six in series, so many in parallel as the capacity asks for."""
+    """Cells of one parameter set, six in series, so many in parallel as the capacity asks for.
+
+    Raises BadInputError where PyBaMM is not installed.
+    """
 
     def __init__(self, rng: np.random.Generator, like: Pack) -> None:
+        try:
+            import pybamm
+        except ImportError:
+            hint = "pip install 'bhm-service[truth]'"
+            raise BadInputError("the porous world", "PyBaMM is not here", hint) from None
         pybamm.set_logging_level("ERROR")
+        self._pybamm: Any = pybamm
         self.set = str(rng.choice(sorted(_SETS)))
         self._diffusion = float(rng.uniform(0.8, 1.4))
         self._exchange = float(rng.uniform(0.8, 1.4))
@@ -54,7 +63,7 @@ class PorousPack:
         self.pack = self._ladder_like(like, slow_v)
 
     def _values(self) -> Any:
-        values = pybamm.ParameterValues(self.set)
+        values = self._pybamm.ParameterValues(self.set)
         for electrode in ("Negative", "Positive"):
             self._scale(values, f"{electrode} particle diffusivity [m2.s-1]", self._diffusion)
             self._scale(values, f"{electrode} electrode exchange-current density [A.m-2]", self._exchange)
@@ -77,22 +86,22 @@ class PorousPack:
 
         Raises pybamm.SolverError where the cell cannot follow.
         """
-        values = self._values()
+        pb, values = self._pybamm, self._values()
         values.set_initial_state(given.soc)
         time = dt * np.arange(len(current_a), dtype=float)
-        values["Current function [A]"] = pybamm.Interpolant(time, current_a, pybamm.t)
+        values["Current function [A]"] = pb.Interpolant(time, current_a, pb.t)
         values["Lower voltage cut-off [V]"], values["Upper voltage cut-off [V]"] = _FLOOR_V, _CEILING_V
         for electrode in ("Negative", "Positive"):
             self._scale(values, f"{electrode} electrode exchange-current density [A.m-2]", given.exchange)
         values["Initial temperature [K]"], values["Ambient temperature [K]"] = given.start_k, given.ambient_k
         values["Total heat transfer coefficient [W.m-2.K-1]"] = self._cooling_w_m2k * given.cooling
-        model = pybamm.lithium_ion.SPMe({"thermal": "lumped" if given.heats else "isothermal"})
-        simulation = pybamm.Simulation(model, parameter_values=values, solver=pybamm.IDAKLUSolver())
+        model = pb.lithium_ion.SPMe({"thermal": "lumped" if given.heats else "isothermal"})
+        simulation = pb.Simulation(model, parameter_values=values, solver=pb.IDAKLUSolver())
         solution = simulation.solve([0.0, float(time[-1])], t_interp=time)
         volts = np.asarray(solution["Voltage [V]"](time), dtype=float)
         kelvin = np.asarray(solution["Volume-averaged cell temperature [K]"](time), dtype=float)
         if np.isnan(volts).any():
-            raise pybamm.SolverError(f"the cell was empty before the end: {solution.termination}")
+            raise pb.SolverError(f"the cell was empty before the end: {solution.termination}")
         return volts, kelvin
 
     def _slow(self, nominal: float) -> tuple[Array, float]:
@@ -108,7 +117,7 @@ class PorousPack:
             whole = np.concatenate([current, np.zeros(rest)])
             try:
                 return self.solve(whole, dt, _Conditions(1.0))[0], whole
-            except pybamm.SolverError:
+            except self._pybamm.SolverError:
                 current = current[: int(0.97 * len(current))]
 
     def _ladder_like(self, like: Pack, slow_v: Array) -> Pack:

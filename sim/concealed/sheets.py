@@ -37,6 +37,7 @@ class CaseSheet:
     rich: bool = True  # deep flights, climbs, ages; else one kind of flight again and again
     temperature_recorded: bool = True
     ages_recorded: bool = True  # charge cycles and days of storage stand in the sidecar
+    boxed: bool = False  # the recorded temperature is not that of the cells, which are kept at 25 degC
     decoys: int = 0  # columns that trend with the flights and mean nothing
     cells_recorded: bool = False
     flights: int = 6

@@ -76,9 +76,9 @@ def _of_kind(kind: Kind, count: int, rng: np.random.Generator) -> Iterator[CaseS
             yield replace(blank, noise=noise, rich=number % 4 < 2, temperature_recorded=number % 8 < 5)
     elif kind == "decoy":
         singles = cycle(["", "capacity-fade", "", "contact-resistance", "", "partial-charge"])
-        for name in islice(singles, count):
+        for number, name in enumerate(islice(singles, count)):
             carried = (EffectSheet(name, "medium"),) if name else ()
-            yield replace(blank, effects=carried, decoys=3)
+            yield replace(blank, effects=carried, decoys=3, boxed=number % 4 == 0)
     elif kind in ("pair", "triple"):
         combinations = PAIRS if kind == "pair" else TRIPLES
         order = rng.permutation(len(combinations))

@@ -134,3 +134,13 @@ def test_an_examination_holds_what_it_must():
     outside = {e.name for s in sheets if s.kind == "outside" for e in s.effects}
     assert outside == set(OUTSIDE)
     assert {s.temperature_recorded for s in sheets} == {True, False}
+
+
+def test_the_second_world_flies_the_same_sheets(tmp_path):
+    pytest.importorskip("pybamm", reason="the extra 'truth' is not installed")
+    sheet = replace(FADE, world="porous", flights=1)
+    answer = generate(sheet, tmp_path)
+    log = read_log(tmp_path / "flights" / "00.tlog")
+    volts = [m.voltage_v for _, m in log.messages if isinstance(m, BatteryStatus) and m.voltage_v is not None]
+    assert answer.world == "porous" and answer.snr > 3.0
+    assert 24.0 < volts[0] < 25.5 and 18.0 < min(volts) < 22.5
