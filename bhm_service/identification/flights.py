@@ -22,7 +22,8 @@ from bhm_service.identification.assess import Assessment, assess, step_resistanc
 from bhm_service.identification.choice import Progress
 from bhm_service.identification.curve import KNOTS, rising
 from bhm_service.identification.experiment import Experiment
-from bhm_service.identification.identify import FOREIGN_V, Identified, ModelResult, Request, foreign, parameter_sd
+from bhm_service.identification.identify import Identified, ModelResult, Request, parameter_sd
+from bhm_service.identification.one_pack import FOREIGN_V, foreign
 from bhm_service.identification.premises import EXACT
 from bhm_service.identification.problem import SIGMA_V, Problem, independent, problem_of
 from bhm_service.identification.scaled import Known, ScaledChem, ScaledCirc, ScaledFamily

@@ -16,11 +16,11 @@ from bhm_service.battery.battery_file import BatteryFile, Joined, ModelName
 from bhm_service.battery.chem import Chem
 from bhm_service.battery.circ import Circ
 from bhm_service.battery.uncertainty import Uncertainty
-from bhm_service.errors import BadInputError
 from bhm_service.identification.assess import Assessment, assess, step_resistance
 from bhm_service.identification.choice import Progress, choose
 from bhm_service.identification.experiment import Experiment, Kind
 from bhm_service.identification.families import ChemFamily, CircFamily, Family
+from bhm_service.identification.one_pack import contradiction, foreign
 from bhm_service.identification.premises import EXACT, Premises, premises_of, problem_for
 from bhm_service.identification.problem import Problem, problem_of
 from bhm_service.identification.solve import Method, Solution, solve
@@ -29,7 +29,7 @@ from bhm_service.identification.spread import Spread, not_told, spread
 Ocv = Literal["auto", "spline", "cubic"]
 
 _COARSE = 500  # samples of a recording where forms are compared
-FOREIGN_V, _FOREIGN_RATIO = 0.05, 6.0  # a recording this much worse than the others is of another pack
+_STRAINED = 5.0  # times what was known of the charge that a recording begins with
 _STAGES = {"one-C": (Kind.ONE_C, Kind.RATE), "variable": (Kind.VARIABLE, Kind.PULSES)}
 _STARTS = (4.0, 0.25)  # times the time constants: what a fit may have missed behind a hill
 _DOUBTS = 2  # rounds in which far samples come to count less
@@ -82,6 +82,9 @@ def identify(request: Request, progress: Progress = lambda _: None) -> Identifie
     thin = tuple(e.thinned() for e in request.experiments)
     progress("capacity and open-circuit curve")
     premises = premises_of(thin, request.capacity_ah)
+    stranger = contradiction(thin, premises)
+    if stranger is not None:
+        raise stranger
     results = tuple(_one(model, request, thin, premises, progress) for model in request.models)
     return Identified(
         battery=_battery(request, results),
@@ -132,6 +135,7 @@ def _one(
         assessments += [_held_out(solution, e.thinned(6000), premises, request) for e in request.held_out]
     cell = family.finished(solution.values)
     assert isinstance(cell, Circ | Chem)
+    remarks += _strained(solution)
     return ModelResult(
         model=model,
         cell=cell,
@@ -198,21 +202,20 @@ def _held_out(solution: Solution, experiment: Experiment, premises: Premises, re
     return assess(experiment, misfit, soc, held_out=True, oracle=best)
 
 
-def foreign(assessments: Sequence[Assessment]) -> BadInputError | None:
-    """What is to be said of the recording that fits the cell of all others worst, if it is of another pack."""
-    errors = np.array([a.whole.rmse for a in assessments])
-    if np.isfinite(errors).sum() < 2:
-        return None
-    k = int(np.nanargmax(errors))
-    others = float(np.nanmedian(np.delete(errors, k)))
-    if errors[k] <= max(FOREIGN_V, _FOREIGN_RATIO * others):
-        return None
-    return BadInputError(
-        assessments[k].label,
-        f"does not fit the pack of the other recordings: it is off by {1e3 * errors[k]:.0f} mV a cell, "
-        f"they by {1e3 * others:.0f} mV",
-        "is it of another pack, or of another number of cells (--series)?",
-    )
+def _strained(solution: Solution) -> list[str]:
+    """Recordings that fit only from another charge than their own rest says."""
+    unknowns = solution.problem.unknowns
+    said = []
+    for k, (experiment, (mean, sd)) in enumerate(
+        zip(solution.problem.experiments, solution.problem.soc_prior, strict=True)
+    ):
+        found = float(solution.x[unknowns.slice_of(f"soc[{k}]")][0])
+        if abs(found - mean) > _STRAINED * sd:
+            said.append(
+                f"{experiment.label} fits only as if it had begun at {found:.1%} of charge, not at {mean:.1%}: are all "
+                "recordings of one pack, and of one age?"
+            )
+    return said
 
 
 # ---- the file -------------------------------------------------------------------------------------------------------
