@@ -333,6 +333,7 @@ class EventCode(Enum):
     TOOK_OFF = "took off"
     LANDED = "landed"
     SIGNING = "signing"
+    SAG_COMPENSATED = "voltage is sag-compensated"
     APP_RESTARTED = "app restarted"
     APP_DOWN = "app stays down"
     RESUMED = "went on from a checkpoint"

@@ -25,6 +25,7 @@ from bhm_service.messages import Message, NamedValue, StatusText
 from bhm_service.reporting.screen import Screen
 from bhm_service.resumption import Run
 from bhm_service.session import Memory, Recording, Session
+from bhm_service.telemetry import options_parameter
 from bhm_service.watchdog import Notifier
 
 _TICK_S = 1.0
@@ -56,7 +57,8 @@ def run_service(urls: Sequence[str], config: Path | None, vehicle: Path | None, 
     equipment, settings = configured(config, vehicle, battery)
     link = settings.link
     key = None if link.signing_key is None else read_key(link.signing_key)
-    links = Links(urls or link.urls, link.system, link.component, key)
+    settings_asked = (options_parameter(equipment.vehicle.battery.id),)
+    links = Links(urls or link.urls, link.system, link.component, key, settings_asked)
     screen = Screen(sys.stdout.write, every_second="JOURNAL_STREAM" not in os.environ)
     where = ", ".join(urls or link.urls)
     sys.stdout.write(f"{equipment.vehicle.name}, battery {equipment.battery.name}; listening on {where}, Ctrl-C ends\n")

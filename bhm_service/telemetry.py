@@ -115,6 +115,19 @@ class SampleMerger:
         return self._temperature[1]
 
 
+SAG_COMPENSATED = 1 << 6  # of BATTn_OPTIONS
+
+
+def options_parameter(battery_id: int) -> str:
+    """Name of the ArduPilot parameter that tells how a battery is reported."""
+    return "BATT_OPTIONS" if battery_id == 0 else f"BATT{battery_id + 1}_OPTIONS"
+
+
+def is_sag_compensated(options: float) -> bool:
+    """Whether the voltage is one at rest that the autopilot imagines: no resistance can be estimated from it."""
+    return bool(int(options) & SAG_COMPENSATED)
+
+
 def default_airborne_a(capacity_a: float) -> float:
     """Current that no multirotor draws on the ground: it empties the pack in less than an hour and a half. [A]"""
     return 0.7 * capacity_a

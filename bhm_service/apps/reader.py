@@ -18,10 +18,11 @@ from bhm_service.messages import (
     Message,
     Motion,
     PackChange,
+    ParameterValue,
     Severity,
     SystemStatus,
 )
-from bhm_service.telemetry import PackWatch, PhaseDetector, SampleMerger
+from bhm_service.telemetry import PackWatch, PhaseDetector, SampleMerger, is_sag_compensated, options_parameter
 
 _NO_CURRENT_AFTER_S = 10.0
 
@@ -42,7 +43,7 @@ class ReaderApp:
     """Follows one battery of one vehicle, and says so when its current is not measured."""
 
     name = "reader"
-    hears = (Heartbeat, BatteryStatus, SystemStatus, LandedState, Motion, AutopilotClock)
+    hears = (Heartbeat, BatteryStatus, SystemStatus, LandedState, Motion, AutopilotClock, ParameterValue)
     says = (BatterySample, FlightPhase, PackChange, Event)
     keeps = ReaderState
 
@@ -58,6 +59,8 @@ class ReaderApp:
         self._state = state
 
     def on_message(self, message: Message) -> Sequence[Message]:
+        if isinstance(message, ParameterValue):
+            return self._compensated(message)
         now = self._state
         sample = now.merger.add(message)
         said: list[Message] = []
@@ -89,6 +92,21 @@ class ReaderApp:
             severity=Severity.INFO,
             text=f"another pack, or the same one charged: {change.because}",
         )
+
+    def _compensated(self, setting: ParameterValue) -> list[Message]:
+        wanted = options_parameter(self._state.merger.battery_id)
+        if setting.name != wanted or not is_sag_compensated(setting.value):
+            return []
+        return [
+            Event(
+                time_s=setting.time_s,
+                app=self.name,
+                code=EventCode.SAG_COMPENSATED,
+                severity=Severity.WARNING,
+                text=f"{wanted} = {int(setting.value)}: the voltage is sag-compensated, not measured; no resistance "
+                f"can be estimated from it. Set bit 6 off",
+            )
+        ]
 
     def _nothing_to_estimate(self, sample: BatterySample) -> list[Message]:
         now = self._state

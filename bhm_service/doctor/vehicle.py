@@ -21,12 +21,11 @@ from bhm_service.messages import (
     ParameterValue,
     SystemStatus,
 )
-from bhm_service.telemetry import resting_a
+from bhm_service.telemetry import SAG_COMPENSATED, is_sag_compensated, resting_a
 from bhm_service.units import SECONDS_PER_HOUR
 
 _CELL_V = (3.0, 4.45)  # of a pack that somebody wants to fly with
 _ENOUGH_HZ = 0.4  # two batteries share one slot: each comes every other second
-_SAG_COMPENSATED = 1 << 6  # BATTn_OPTIONS: the resting voltage is estimated and reported as measured
 _ANALOG = 4.0  # BATTn_MONITOR: voltage and current through the autopilot's own converters
 _DEFAULT_AMP_PER_VOLT = 17.0  # BATTn_AMP_PERVLT as ArduPilot ships it
 _CAPACITY_APART = 0.15
@@ -197,9 +196,9 @@ def _settings(heard: Heard, equipment: Equipment) -> list[Finding]:
     prefix = names[0].partition("_")[0] if names else ""
     found: list[Finding] = []
     options = known.get(f"{prefix}_OPTIONS")
-    if options is not None and int(options) & _SAG_COMPENSATED:
+    if options is not None and is_sag_compensated(options):
         words = f"{prefix}_OPTIONS = {int(options)}: the voltage is sag-compensated, not the measured one"
-        found.append(bad(words, f"set {prefix}_OPTIONS = {int(options) & ~_SAG_COMPENSATED} (bit 6 off)"))
+        found.append(bad(words, f"set {prefix}_OPTIONS = {int(options) & ~SAG_COMPENSATED} (bit 6 off)"))
     per_volt = known.get(f"{prefix}_AMP_PERVLT")
     if known.get(f"{prefix}_MONITOR") == _ANALOG and per_volt == _DEFAULT_AMP_PER_VOLT:
         words = f"{prefix}_AMP_PERVLT is as it was shipped: the current sensor was never calibrated"

@@ -27,6 +27,7 @@ from bhm_service.mavlink.transport import (
 )
 from bhm_service.messages import (
     AutopilotClock,
+    AutopilotKind,
     Event,
     EventCode,
     Heartbeat,
@@ -34,6 +35,7 @@ from bhm_service.messages import (
     LinkState,
     LinkStatus,
     Message,
+    ParameterValue,
     Severity,
 )
 
@@ -44,6 +46,7 @@ _BEARER_S = 3.0
 _DUPLICATE_S = 0.5
 _REBOOT_S = 5.0  # frames overtake each other by less
 _REFUSED_TELL_S = 60.0
+_SETTING_ASKED = 5  # times, once a second: one that does not exist is not answered
 _SPLITTERS = 16
 
 
@@ -116,7 +119,8 @@ class Links:
     """All links of the service.
 
     ``system`` is the vehicle to follow; the first whose autopilot is heard where it is None. ``key`` turns signing on:
-    then nothing unsigned is believed. ``clock`` times the messages, ``wall`` (Unix seconds) only signatures.
+    then nothing unsigned is believed. ``settings`` are parameters that ArduPilot is asked for when it appears.
+    ``clock`` times the messages, ``wall`` (Unix seconds) only signatures.
     Raises BadInputError for a URL that cannot be, or a UDP or TCP port of ours that cannot be had.
     """
 
@@ -126,6 +130,7 @@ class Links:
         system: int | None = None,
         component: int = COMPONENT,
         key: bytes | None = None,
+        settings: Sequence[str] = (),
         clock: Callable[[], float] = time.monotonic,
         wall: Callable[[], float] = time.time,
     ) -> None:
@@ -137,6 +142,7 @@ class Links:
         self.encoder = FrameEncoder(system or 1, component)
         self._bearers: dict[int, tuple[int, float]] = {}
         self._boot_s: float | None = None
+        self._unasked = dict.fromkeys(settings, _SETTING_ASKED)  # how often each may still be asked for
         self._clock_refused = False
         self._beat_s = self._report_s = clock()
         self._links = [_Link(n, url, transport_of(url)) for n, url in enumerate(map(LinkUrl.parse, urls))]
@@ -226,6 +232,10 @@ class Links:
                 for frame in link.subscription.frames(self.encoder, vehicle, now):
                     self._send(link, frame)
             self._say(link, link.report(now))
+        if vehicle is not None and self._decoder.kind is AutopilotKind.ARDUPILOT:
+            for name in [name for name, times in self._unasked.items() if times > 0]:
+                self._unasked[name] -= 1
+                self.send(self.encoder.request_parameter(*vehicle, name))
 
     def _check_clock(self, now: float) -> None:
         refused = self._signer is not None and not self._signer.clock_is_set(self._wall())
@@ -320,6 +330,8 @@ class Links:
         for message in messages:
             if isinstance(message, Heartbeat):
                 self._heard(link, message, now)
+            elif isinstance(message, ParameterValue):
+                self._unasked.pop(message.name, None)
             elif isinstance(message, AutopilotClock):
                 if self._boot_s is not None and message.boot_s < self._boot_s - _REBOOT_S:
                     for each in self._links:  # a boot forgets the rates

@@ -14,8 +14,10 @@ from bhm_service.mavlink.dialect import mavlink
 from bhm_service.mavlink.encode import FrameEncoder
 from bhm_service.mavlink.frames import FrameSplitter
 from bhm_service.mavlink.links import Links
+from bhm_service.mavlink.signing import read_key
 from bhm_service.mavlink.transport import LinkUrl, UdpTransport, transport_of
-from bhm_service.messages import AutopilotClock, BatteryStatus, Heartbeat, LinkStatus, NamedValue
+from bhm_service.messages import AutopilotClock, BatteryStatus, Heartbeat, LinkStatus, NamedValue, ParameterValue
+from sim.ardupilot import ArduPilot
 from sim.command import Options, vehicle_of
 
 BATTERY = mavlink.MAVLINK_MSG_ID_BATTERY_STATUS
@@ -24,14 +26,14 @@ BATTERY = mavlink.MAVLINK_MSG_ID_BATTERY_STATUS
 class World:
     """A simulated vehicle and our links, one after the other in simulated time."""
 
-    def __init__(self, **options):
+    def __init__(self, settings=(), **options):
         self.port = free_port(socket.SOCK_DGRAM)
         self.vehicle = vehicle_of(
             Options(charge=0.9, flight=1200.0, **options),
             [transport_of(LinkUrl.parse(f"udpout:127.0.0.1:{self.port}"))],
         )
         self.clock_s = 0.0
-        self.links = Links([f"udpin:127.0.0.1:{self.port}"], clock=lambda: self.clock_s)
+        self.links = Links([f"udpin:127.0.0.1:{self.port}"], settings=settings, clock=lambda: self.clock_s)
         self.said = []
 
     def run(self, seconds, others=()):
@@ -310,3 +312,52 @@ def test_a_stream_that_nobody_reads_loses_whole_frames_and_says_how_many(tmp_pat
     finally:
         links.close()
         listener.close()
+
+
+def test_a_setting_is_asked_for_until_it_is_told_and_one_that_does_not_exist_only_for_a_while(world):
+    one = world(settings=("BATT_OPTIONS", "NO_SUCH"), loss=0.3)
+    one.vehicle.firmware.parameters["BATT_OPTIONS"] = 64.0
+    said = one.run(30.0)
+    assert {(m.name, m.value) for m in of(said, ParameterValue)} == {("BATT_OPTIONS", 64.0)}
+    assert one.links.reports[0].frames_out < 30 + 5 + 5 + one.links.reports[0].requests + 5
+
+
+class OldArduPilot(ArduPilot):
+    """Knows no message intervals, only streams."""
+
+    def command(self, channel, asked, source):
+        refused = mavlink.MAV_RESULT_UNSUPPORTED
+        return [mavlink.MAVLink_command_ack_message(asked["command"], refused, 0, 0, *source)]
+
+
+def test_an_autopilot_that_knows_no_message_intervals_is_asked_for_streams(world):
+    one = world()
+    one.vehicle.firmware.__class__ = OldArduPilot
+    one.run(40.0)
+    assert len(of(one.run(10.0), BatteryStatus)) == 10
+
+
+def test_the_hosts_clock_may_be_set_in_flight_while_everything_is_signed(tmp_path):
+    wall, port = [1_790_000_000.0], free_port(socket.SOCK_DGRAM)
+    key = tmp_path / "key"
+    key.write_text("5a" * 32)
+    key.chmod(0o600)
+    options = Options(flight=600.0, signing_key=key)
+    vehicle = vehicle_of(options, [transport_of(LinkUrl.parse(f"udpout:127.0.0.1:{port}"))])
+    vehicle.firmware.epoch_s = wall[0]
+    links = Links([f"udpin:127.0.0.1:{port}"], key=read_key(key), clock=lambda: vehicle.time_s, wall=lambda: wall[0])
+    try:
+        for jump in (0.0, 3600.0, -7200.0, 86_400.0 * 400.0, -86_400.0 * 400.0):
+            wall[0] += jump
+            heard, asked = 0, links.reports[0].requests
+            for _ in range(300):
+                vehicle.step()
+                wall[0] += 0.1
+                while found := links.poll(0.0):
+                    heard += sum(isinstance(m, BatteryStatus) for _, m in found)
+            assert heard >= 28, jump
+            assert links.reports[0].requests - asked <= 8, jump
+        assert links.reports[0].replayed == links.reports[0].forged == 0
+    finally:
+        links.close()
+        vehicle.close()
