@@ -4,7 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test check bench prove clean batteries golden
+.PHONY: run test check bench prove proofs clean batteries golden
 
 run: $(VENV)/.ready
 	@$(BIN)/python -m sim.demo
@@ -21,12 +21,15 @@ check: $(VENV)/.ready-dev
 bench: $(VENV)/.ready-bench
 	$(BIN)/pytest tests/benchmarks -p no:xdist --benchmark-disable-gc --benchmark-columns=median,iqr,rounds -o addopts="-q --import-mode=importlib"
 
+# The long proofs of the onboard service: fifty kills in a flight, a day of flights with faults, a million frames.
+proofs: $(VENV)/.ready-dev
+	$(BIN)/pytest tests/proofs -v -p no:xdist -o addopts="--import-mode=importlib"
+
 # The whole proof on an exam seed that is drawn now; exit status 1 where a target is missed. The score card goes into
 # the README, misses included. ANSWERER=oracle and the like examine the examination.
 ANSWERER ?= tool
 PROOF := $(VENV)/proof/$(shell date -u +%Y%m%d-%H%M%S)
-prove: $(VENV)/.ready-truth
-	$(BIN)/pytest tests/proofs -o addopts="-q --import-mode=importlib"
+prove: $(VENV)/.ready-truth proofs
 	$(BIN)/bhm prove --suite exam --suite truth --suite real --jobs 2 --answerer $(ANSWERER) -o $(PROOF); \
 	status=$$?; \
 	if [ $(ANSWERER) = tool ] && [ -f $(PROOF)/score.json ]; then $(BIN)/python -m sim.proof.readme $(PROOF) README.md; fi; \

@@ -6,11 +6,9 @@ import tomllib
 from pathlib import Path
 
 from bhm_service.assembly import Equipment
-from bhm_service.battery.battery_file import BatteryFile, checked_battery, read_battery
+from bhm_service.battery.battery_file import checked_battery, read_battery
 from bhm_service.config import Service, Vehicle, checked, read_toml, read_vehicle
 from bhm_service.errors import BadInputError
-from bhm_service.guess import guess_vehicle
-from bhm_service.mavlink.log import Log
 from bhm_service.recorded import Recorded
 
 
@@ -65,21 +63,6 @@ def recorded_equipment(recorded: Recorded, where: str) -> tuple[Equipment, Servi
         battery_text=head["battery"],
     )
     return equipment, checked(Service, head["service"], f"{where}, service file")
-
-
-def guessed_equipment(log: Log, battery: Path | None, battery_id: int | None) -> tuple[Equipment, list[str]]:
-    """A vehicle guessed from a log, and what was guessed; an identified battery says its own cells and capacity."""
-    guess = guess_vehicle((message for _, message in log.messages), battery_id, log.path.stem)
-    reasons = [f"vehicle guessed: {'; '.join(guess.reasons)}"]
-    vehicle = guess.vehicle
-    if battery is None:
-        return Equipment(vehicle=vehicle, battery=read_battery(Path(vehicle.battery.file))), reasons
-    known: BatteryFile = read_battery(battery)
-    if known.series is not None:
-        own = vehicle.battery.model_copy(update={"file": str(battery), "series": None, "capacity_ah": None})
-        vehicle = vehicle.model_copy(update={"battery": own, "name": known.name})
-        reasons = [f"cells and capacity from {battery.name}; no vehicle file given"]
-    return Equipment(vehicle=vehicle, battery=known), reasons
 
 
 def _with_id(vehicle: Vehicle, battery_id: int | None) -> Vehicle:

@@ -6,11 +6,14 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
-from bhm_service.battery.battery_file import read_battery
+from bhm_service.assembly import Equipment
+from bhm_service.battery.battery_file import BatteryFile, read_battery
 from bhm_service.config import BatterySettings, Vehicle, shipped
+from bhm_service.mavlink.log import Log
 from bhm_service.mavlink.recording import battery_ids
 from bhm_service.messages import AutopilotKind, BatterySample, Message, ParameterValue
 from bhm_service.telemetry import SampleMerger
@@ -36,6 +39,21 @@ class Guess:
     vehicle: Vehicle
     reasons: tuple[str, ...]
     capacity_told: bool  # by the autopilot's parameters, not out of measurements
+
+
+def guessed_equipment(log: Log, battery: Path | None, battery_id: int | None) -> tuple[Equipment, list[str]]:
+    """A vehicle guessed from a log, and what was guessed; an identified battery says its own cells and capacity."""
+    guess = guess_vehicle((message for _, message in log.messages), battery_id, log.path.stem)
+    reasons = [f"vehicle guessed: {'; '.join(guess.reasons)}"]
+    vehicle = guess.vehicle
+    if battery is None:
+        return Equipment(vehicle=vehicle, battery=read_battery(Path(vehicle.battery.file))), reasons
+    known: BatteryFile = read_battery(battery)
+    if known.series is not None:
+        own = vehicle.battery.model_copy(update={"file": str(battery), "series": None, "capacity_ah": None})
+        vehicle = vehicle.model_copy(update={"battery": own, "name": known.name})
+        reasons = [f"cells and capacity from {battery.name}; no vehicle file given"]
+    return Equipment(vehicle=vehicle, battery=known), reasons
 
 
 def guess_vehicle(messages: Iterable[Message], battery_id: int | None, name: str) -> Guess:

@@ -69,7 +69,8 @@ def run_service(urls: Sequence[str], config: Path | None, vehicle: Path | None, 
     due = time.monotonic() + _TICK_S
     while not stop.asked:
         for _, message in links.poll(max(due - time.monotonic(), 0.0)):
-            session.take(message)
+            if session.take(message):
+                due = time.monotonic()  # the pilot waits for nothing more
         now = time.monotonic()
         if now < due:
             continue

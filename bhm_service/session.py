@@ -123,21 +123,23 @@ class Session:
         """Whether the autopilot has yet to tell if the checkpoint holds."""
         return self._memory is not None and self._memory.resumption is not None
 
-    def take(self, message: Message) -> None:
-        """One message from a link."""
+    def take(self, message: Message) -> bool:
+        """One message from a link. Whether a tick should follow at once: the apps just went on in flight."""
         if self._offset_s != 0.0:
             message = replace(message, time_s=message.time_s + self._offset_s)
         memory = self._memory
         if memory is None:
             self.bus.publish(message)
-            return
+            return False
         if memory.resumption is None or isinstance(message, _PASSES):
             memory.hear(message)
             self.bus.publish(message)
-            return
+            return False
         verdict = memory.resumption.hear(message)
-        if verdict is not None:
-            self._resume(memory, memory.resumption, verdict, message.time_s)
+        if verdict is None:
+            return False
+        self._resume(memory, memory.resumption, verdict, message.time_s)
+        return True
 
     def tick(self, monotonic_s: float, ending: bool = False) -> None:
         """A second has gone by."""

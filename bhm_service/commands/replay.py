@@ -12,8 +12,9 @@ from rich.table import Table
 
 from bhm_service.assembly import Equipment
 from bhm_service.config import Service
-from bhm_service.equipment import equipment_of, guessed_equipment, read_service, recorded_equipment
+from bhm_service.equipment import equipment_of, read_service, recorded_equipment
 from bhm_service.errors import BadInputError
+from bhm_service.guess import guessed_equipment
 from bhm_service.mavlink.log import Log, read_log
 from bhm_service.messages import EventCode
 from bhm_service.replay import Replay, replay, reproduced
