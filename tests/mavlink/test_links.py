@@ -65,7 +65,7 @@ def test_we_speak_before_we_are_spoken_to(end):
     silent.messages = list
     links = Links([end.url])
     try:
-        poll_until(links, lambda said: silent.heard, silent, patience=5.0)
+        poll_until(links, lambda said: silent.heard, silent)
     finally:
         links.close()
     assert ids(silent.heard)[0] == mavlink.MAVLINK_MSG_ID_HEARTBEAT

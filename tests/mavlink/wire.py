@@ -14,7 +14,7 @@ from mavlink.frames import Sender, battery_status, heartbeat, system_time
 
 from bhm_service.mavlink.frames import FrameSplitter
 
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 
 
 def free_port(kind=socket.SOCK_STREAM):

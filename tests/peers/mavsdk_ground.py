@@ -9,7 +9,7 @@ from mavsdk.plugins.mavlink_direct import MavlinkDirect
 
 station = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
 station.add_any_connection(sys.argv[1])
-vehicle = station.first_autopilot(30.0)
+vehicle = station.first_autopilot(120.0)
 direct = MavlinkDirect(vehicle)
 
 

@@ -42,7 +42,7 @@ def test_the_service_flies_beside_the_simulation_on_two_signed_links(tmp_path):
         [*BHM, "sim", "--quiet", *flags, "--signing-key", key, "--garbage", "0.1"], stdout=subprocess.PIPE, text=True
     )
     run = subprocess.Popen([*BHM, "run", "--config", service], stdout=subprocess.PIPE, text=True, env=environment)
-    lines, until = [], time.monotonic() + 60.0
+    lines, until = [], time.monotonic() + 120.0
     while time.monotonic() < until and not any(line.startswith("RFT") and "good" in line for line in lines):
         lines.append(run.stdout.readline())
     out, said = ended(run), ended(sim)
