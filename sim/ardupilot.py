@@ -6,7 +6,8 @@ from typing import Any, ClassVar
 
 from bhm_service.mavlink.dialect import ENUM
 from bhm_service.mavlink.frames import WireFrame
-from sim.firmware import UNKNOWN_C, Firmware, battery_message, status_message
+from sim import telemetry
+from sim.firmware import Firmware
 from sim.multirotor import State
 
 _MOST_CA = 32767
@@ -54,10 +55,10 @@ class ArduPilot(Firmware):
     def _battery(self, number: int, volts: float, amps: float, counted_ah: float) -> Any:
         centiamperes = min(round(amps * 100), _MOST_CA)
         used, left = round(counted_ah * 1000), self.left_percent(counted_ah)
-        return battery_message(number, [round(volts * 1000)], centiamperes, used, left, UNKNOWN_C)
+        return telemetry.battery(number, [round(volts * 1000)], centiamperes, used, left, telemetry.UNKNOWN_C)
 
     def system_status(self, state: State) -> Any:
-        return status_message(state.voltage_v, state.current_a, self.left_percent(self.counted_ah(state)[0]))
+        return telemetry.system_status(state.voltage_v, state.current_a, self.left_percent(self.counted_ah(state)[0]))
 
     def hears(self, frame: WireFrame, now_s: float) -> None:
         return  # it forwards what others say, and makes nothing of it

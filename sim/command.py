@@ -12,7 +12,8 @@ from rich.console import Console
 
 from bhm_service.errors import BadInputError
 from bhm_service.mavlink.signing import Signer, read_key
-from bhm_service.mavlink.transport import LinkDownError, LinkUrl, Transport, transport_of
+from bhm_service.mavlink.transport import LinkDownError, LinkUrl, Transport
+from bhm_service.mavlink.transports import transport_of
 from sim.ardupilot import ArduPilot
 from sim.autopilot import Autopilot
 from sim.battery import SimulatedPack

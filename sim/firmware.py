@@ -13,12 +13,9 @@ from typing import Any, ClassVar
 from bhm_service.mavlink.dialect import ENUM, unpack
 from bhm_service.mavlink.frames import WireFrame
 from bhm_service.mavlink.signing import Signer
+from sim import telemetry
 from sim.multirotor import Phase, State
 
-UNKNOWN_MV = 65535
-UNKNOWN_C = 32767
-HOME = (473977000, 85456000)  # [1e-7 deg]
-_HOME_ALTITUDE_M = 400.0
 _BOOT_S = 3.0
 _EPOCH_S = 1_790_000_000.0
 
@@ -213,7 +210,7 @@ class Firmware(ABC):
             command = ENUM.MAV_CMD_NAV_TAKEOFF
         elif last:
             command = ENUM.MAV_CMD_NAV_LAND
-        place = _east_of_home(flown)
+        place = telemetry.east_of_home(flown)
         hold = phase.seconds if phase.speed_mps == 0.0 and phase.power_w > 0.0 else 0.0
         frame = ENUM.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
         item = (frame, command, 0, 1, hold, 0.0, 0.0, 0.0, *place, 0.0 if last else climbed)
@@ -223,17 +220,22 @@ class Firmware(ABC):
 
     def known(self) -> frozenset[int]:
         """Ids of the messages that it can stream."""
-        return frozenset(_BUILDERS) | {self.wind_id}
+        return telemetry.STREAMED | {self.wind_id}
 
     def messages(self, message_id: int, state: State) -> list[Any]:
         """The messages of one stream at one time."""
         if message_id == self.wind_id:
             return [self.wind(state)]
-        if message_id == ENUM.MAVLINK_MSG_ID_BATTERY_STATUS:
-            return self.batteries(state)
-        if message_id == ENUM.MAVLINK_MSG_ID_SYS_STATUS:
-            return [self.system_status(state)]
-        return [_BUILDERS[message_id](self, state)]
+        match message_id:
+            case ENUM.MAVLINK_MSG_ID_BATTERY_STATUS:
+                return self.batteries(state)
+            case ENUM.MAVLINK_MSG_ID_SYS_STATUS:
+                return [self.system_status(state)]
+            case ENUM.MAVLINK_MSG_ID_HEARTBEAT:
+                return [telemetry.heartbeat(self.kind, state)]
+            case _:
+                boot_ms, unix_s = self.boot_ms(state), self.epoch_s + state.time_s
+                return [telemetry.BUILDERS[message_id](state, boot_ms, unix_s)]
 
     def boot_ms(self, state: State) -> int:
         """Its own clock."""
@@ -249,91 +251,6 @@ class Firmware(ABC):
         return round(100.0 * min(max(1.0 - counted_ah / self.capacity_ah, 0.0), 1.0))
 
 
-def battery_message(
-    battery: int, slots: list[int], centiamperes: int, milliamperehours: int, percent: int, centicelsius: int
-) -> Any:
-    """BATTERY_STATUS of a LiPo."""
-    return ENUM.MAVLink_battery_status_message(
-        battery,
-        ENUM.MAV_BATTERY_FUNCTION_ALL,
-        ENUM.MAV_BATTERY_TYPE_LIPO,
-        centicelsius,
-        slots + [UNKNOWN_MV] * (10 - len(slots)),
-        centiamperes,
-        milliamperehours,
-        -1,
-        percent,
-    )
-
-
-def status_message(volts: float, amps: float, percent: int) -> Any:
-    """SYS_STATUS."""
-    return ENUM.MAVLink_sys_status_message(
-        0, 0, 0, 300, round(volts * 1000), round(amps * 100), percent, 0, 0, 0, 0, 0, 0
-    )
-
-
-def _east_of_home(metres: float) -> tuple[int, int]:
-    return HOME[0], HOME[1] + round(metres / 111_320.0 / 0.676 * 1e7)  # at 47.4 degrees north
-
-
-def _heartbeat(firmware: Firmware, state: State) -> Any:
-    mode = ENUM.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (ENUM.MAV_MODE_FLAG_SAFETY_ARMED if state.armed else 0)
-    status = ENUM.MAV_STATE_ACTIVE if state.armed else ENUM.MAV_STATE_STANDBY
-    return ENUM.MAVLink_heartbeat_message(ENUM.MAV_TYPE_QUADROTOR, firmware.kind, mode, 5, status, 3)
-
-
-def _time(firmware: Firmware, state: State) -> Any:
-    return ENUM.MAVLink_system_time_message(round((firmware.epoch_s + state.time_s) * 1e6), firmware.boot_ms(state))
-
-
-def _landed(firmware: Firmware, state: State) -> Any:
-    landed = ENUM.MAV_LANDED_STATE_ON_GROUND
-    if state.airborne:
-        landed = ENUM.MAV_LANDED_STATE_IN_AIR
-        if state.climb_mps and state.height_m < 5.0:
-            landed = ENUM.MAV_LANDED_STATE_TAKEOFF if state.climb_mps > 0 else ENUM.MAV_LANDED_STATE_LANDING
-    return ENUM.MAVLink_extended_sys_state_message(0, landed)
-
-
-def _position(firmware: Firmware, state: State) -> Any:
-    altitude, height = round((_HOME_ALTITUDE_M + state.height_m) * 1000), round(state.height_m * 1000)
-    speed, down = round(state.speed_mps * 100), -round(state.climb_mps * 100)
-    place = _east_of_home(state.speed_mps * state.time_s)
-    return ENUM.MAVLink_global_position_int_message(
-        firmware.boot_ms(state), *place, altitude, height, 0, speed, down, 9000
-    )
-
-
-def _hud(firmware: Firmware, state: State) -> Any:
-    throttle, altitude = (45 if state.airborne else 0), _HOME_ALTITUDE_M + state.height_m
-    return ENUM.MAVLink_vfr_hud_message(state.speed_mps, state.speed_mps, 90, throttle, altitude, state.climb_mps)
-
-
-def _pressure(firmware: Firmware, state: State) -> Any:
-    hectopascal = 1013.25 * (1.0 - 2.25577e-5 * (_HOME_ALTITUDE_M + state.height_m)) ** 5.25588
-    return ENUM.MAVLink_scaled_pressure_message(firmware.boot_ms(state), hectopascal, 0.0, 3800)
-
-
-def _item(firmware: Firmware, state: State) -> Any:
-    return ENUM.MAVLink_mission_current_message(state.item)
-
-
-def _never(firmware: Firmware, state: State) -> Any:
-    raise AssertionError("made by the firmware itself")
-
-
-_BUILDERS = {
-    ENUM.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
-    ENUM.MAVLINK_MSG_ID_SYS_STATUS: _never,
-    ENUM.MAVLINK_MSG_ID_SYSTEM_TIME: _time,
-    ENUM.MAVLINK_MSG_ID_SCALED_PRESSURE: _pressure,
-    ENUM.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _position,
-    ENUM.MAVLINK_MSG_ID_MISSION_CURRENT: _item,
-    ENUM.MAVLINK_MSG_ID_VFR_HUD: _hud,
-    ENUM.MAVLINK_MSG_ID_BATTERY_STATUS: _never,
-    ENUM.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: _landed,
-}
 _ANSWERS = {
     ENUM.MAVLINK_MSG_ID_COMMAND_LONG: Firmware.command,
     ENUM.MAVLINK_MSG_ID_REQUEST_DATA_STREAM: Firmware.stream,

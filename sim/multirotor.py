@@ -80,6 +80,7 @@ class State:
     climb_mps: float
     speed_mps: float
     item: int = 0  # of the plan
+    distance_m: float = 0.0  # flown, over ground
     wind_mps: float = 0.0
     wind_from_deg: float = 0.0
     other: Reading | None = None  # of a second pack, where there is one
@@ -129,6 +130,7 @@ class Multirotor:
         self._gust_mps = 0.0
         self._steps = 0
         self._height_m = 0.0
+        self._distance_m = 0.0
         self._now = [(0.0, 0.0), (0.0, 0.0)]  # voltage and current of the packs
         self._consumed_ah = [0.0, 0.0]
 
@@ -152,6 +154,7 @@ class Multirotor:
             self._now[at] = pack.step(power / len(packs), STEP_S)
             self._consumed_ah[at] += self._now[at][1] * STEP_S / 3600.0
         self._height_m = max(self._height_m + phase.climb_mps * STEP_S, 0.0)
+        self._distance_m += phase.speed_mps * STEP_S
         self._steps += 1
         return True
 
@@ -183,6 +186,7 @@ class Multirotor:
             climb_mps=phase.climb_mps,
             speed_mps=phase.speed_mps,
             item=index,
+            distance_m=self._distance_m,
             wind_mps=self._wind.mean_mps + self._gust_mps,
             wind_from_deg=self._wind.from_deg,
             other=other,

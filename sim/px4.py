@@ -7,7 +7,8 @@ from typing import Any, ClassVar
 
 from bhm_service.mavlink.dialect import ENUM, unpack
 from bhm_service.mavlink.frames import WireFrame
-from sim.firmware import UNKNOWN_C, Channel, Firmware, battery_message, status_message
+from sim import telemetry
+from sim.firmware import Channel, Firmware
 from sim.multirotor import State
 
 _COMPANION_GONE_S = 3.0
@@ -48,14 +49,14 @@ class Px4(Firmware):
     def _battery(self, number: int, volts: float, amps: float, counted_ah: float) -> Any:
         cells = [round(volts * 1000 / self.series)] * self.series
         used, left = round(counted_ah * 1000), self.left_percent(counted_ah)
-        return battery_message(number, cells, round(amps * 100), used, left, UNKNOWN_C)
+        return telemetry.battery(number, cells, round(amps * 100), used, left, telemetry.UNKNOWN_C)
 
     def system_status(self, state: State) -> Any:
         first, other = self.counted_ah(state)
         left, volts, amps = self.left_percent(first), state.voltage_v, state.current_a
         if state.other is not None and self.left_percent(other) < left:
             left, volts, amps = self.left_percent(other), state.other.voltage_v, state.other.current_a
-        return status_message(volts, amps, left)
+        return telemetry.system_status(volts, amps, left)
 
     def wind(self, state: State) -> Any:
         goes_to = math.radians(state.wind_from_deg + 180.0)

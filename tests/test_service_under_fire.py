@@ -15,7 +15,8 @@ from bhm_service.mavlink.dialect import mavlink, unpack
 from bhm_service.mavlink.encode import FrameEncoder
 from bhm_service.mavlink.frames import FrameSplitter
 from bhm_service.mavlink.links import Links
-from bhm_service.mavlink.transport import LinkUrl, transport_of
+from bhm_service.mavlink.transport import LinkUrl
+from bhm_service.mavlink.transports import transport_of
 from bhm_service.service import Wire
 from bhm_service.session import Session
 from sim.command import Options, vehicle_of

@@ -7,24 +7,16 @@ one that bears it, and from the other when that falls silent.
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 
 from bhm_service.errors import BadInputError
 from bhm_service.mavlink.decode import WANTED, VehicleDecoder
 from bhm_service.mavlink.encode import COMPONENT, FrameEncoder
-from bhm_service.mavlink.frames import FrameSplitter, WireFrame
-from bhm_service.mavlink.signing import Refusal, Signer
-from bhm_service.mavlink.subscription import Subscription
-from bhm_service.mavlink.transport import (
-    LinkDownError,
-    LinkUrl,
-    Peer,
-    Transport,
-    transport_of,
-    wait_for,
-)
+from bhm_service.mavlink.frames import WireFrame
+from bhm_service.mavlink.link import FIRST_RETRY_S, Link
+from bhm_service.mavlink.signing import Signer
+from bhm_service.mavlink.transport import LinkDownError, LinkUrl, wait_for
+from bhm_service.mavlink.transports import transport_of
 from bhm_service.messages import (
     AutopilotClock,
     AutopilotKind,
@@ -40,79 +32,13 @@ from bhm_service.messages import (
 )
 
 _BEAT_S = 1.0
-_RETRY_S = (0.25, 4.0)  # first and longest wait before a link is opened again
+_LAST_RETRY_S = 4.0  # longest wait before a link is opened again
 _SILENT_S = 5.0  # without a heartbeat, of which there is one a second
 _BEARER_S = 3.0
 _DUPLICATE_S = 0.5
 _REBOOT_S = 5.0  # frames overtake each other by less
 _REFUSED_TELL_S = 60.0
 _SETTING_ASKED = 5  # times, once a second: one that does not exist is not answered
-_SPLITTERS = 16
-
-
-@dataclass(slots=True)
-class _Link:
-    """One link as it stands."""
-
-    number: int
-    url: LinkUrl
-    transport: Transport
-    status: LinkStatus = LinkStatus.DOWN
-    because: str = ""
-    is_open: bool = False
-    retry_at_s: float = 0.0
-    retry_wait_s: float = _RETRY_S[0]
-    heard_s: float = 0.0
-    greeted: bool = False
-    splitters: dict[Peer, FrameSplitter] = field(default_factory=dict)
-    recent: deque[tuple[float, bytes]] = field(default_factory=lambda: deque(maxlen=64))
-    subscription: Subscription = field(default_factory=Subscription)
-    bytes_in: int = 0
-    frames_in: int = 0
-    frames_out: int = 0
-    duplicates: int = 0
-    opened: int = 0
-    stray_bytes: int = 0  # of splitters that are gone
-    bad_checksums: int = 0
-    refused: dict[Refusal, int] = field(default_factory=lambda: dict.fromkeys(Refusal, 0))
-    told_refusal_s: float | None = None
-
-    def splitter(self, peer: Peer) -> FrameSplitter:
-        """What is left of this peer's stream."""
-        if peer not in self.splitters and len(self.splitters) >= _SPLITTERS:
-            self._retire(next(iter(self.splitters)))
-        return self.splitters.setdefault(peer, FrameSplitter())
-
-    def forget_streams(self) -> None:
-        """What was left of the streams belongs to a connection that is gone."""
-        for peer in list(self.splitters):
-            self._retire(peer)
-
-    def _retire(self, peer: Peer) -> None:
-        gone = self.splitters.pop(peer)
-        self.stray_bytes += gone.stray_bytes
-        self.bad_checksums += gone.bad_checksums
-
-    def report(self, now_s: float) -> LinkReport:
-        """The counters."""
-        splitters = self.splitters.values()
-        return LinkReport(
-            time_s=now_s,
-            link=self.number,
-            status=self.status,
-            bytes_in=self.bytes_in,
-            frames_in=self.frames_in,
-            frames_out=self.frames_out,
-            lost_out=self.transport.lost_frames,
-            stray_bytes=self.stray_bytes + sum(s.stray_bytes for s in splitters),
-            bad_checksums=self.bad_checksums + sum(s.bad_checksums for s in splitters),
-            duplicates=self.duplicates,
-            unsigned=self.refused[Refusal.UNSIGNED],
-            forged=self.refused[Refusal.FORGED],
-            replayed=self.refused[Refusal.REPLAYED],
-            opened=self.opened,
-            requests=self.subscription.requests,
-        )
 
 
 class Links:
@@ -145,7 +71,7 @@ class Links:
         self._unasked = dict.fromkeys(settings, _SETTING_ASKED)  # how often each may still be asked for
         self._clock_refused = False
         self._beat_s = self._report_s = clock()
-        self._links = [_Link(n, url, transport_of(url)) for n, url in enumerate(map(LinkUrl.parse, urls))]
+        self._links = [Link(n, url, transport_of(url)) for n, url in enumerate(map(LinkUrl.parse, urls))]
         self._said: list[tuple[int, Message]] = []
         for link in self._links:
             self._open(link, self._beat_s)
@@ -199,7 +125,7 @@ class Links:
 
     # ---- going out ---------------------------------------------------------------------------------------------
 
-    def _send(self, link: _Link, frame: bytes) -> None:
+    def _send(self, link: Link, frame: bytes) -> None:
         if not link.is_open or not link.transport.ready:
             return
         if self._signer is not None:
@@ -247,7 +173,7 @@ class Links:
 
     # ---- up and down -------------------------------------------------------------------------------------------
 
-    def _open(self, link: _Link, now: float) -> None:
+    def _open(self, link: Link, now: float) -> None:
         try:
             link.transport.open()
         except LinkDownError as why:
@@ -256,27 +182,27 @@ class Links:
         link.is_open = True
         link.greeted = False
 
-    def _came_up(self, link: _Link, now: float) -> None:
+    def _came_up(self, link: Link, now: float) -> None:
         link.opened += 1
         self._state(link, LinkStatus.OPEN, now, "")
         self._send(link, self.encoder.companion_heartbeat())
 
-    def _went_down(self, link: _Link, now: float, because: str) -> None:
+    def _went_down(self, link: Link, now: float, because: str) -> None:
         link.transport.close()
         link.forget_streams()
         link.is_open = False
         link.retry_at_s = now + link.retry_wait_s
-        link.retry_wait_s = min(2.0 * link.retry_wait_s, _RETRY_S[1])
+        link.retry_wait_s = min(2.0 * link.retry_wait_s, _LAST_RETRY_S)
         if link.status is not LinkStatus.DOWN or link.because != because:
             self._state(link, LinkStatus.DOWN, now, because)
 
-    def _state(self, link: _Link, status: LinkStatus, now: float, because: str) -> None:
+    def _state(self, link: Link, status: LinkStatus, now: float, because: str) -> None:
         link.status, link.because = status, because
         self._say(link, LinkState(time_s=now, link=link.number, url=link.url.text, status=status, because=because))
 
     # ---- coming in ---------------------------------------------------------------------------------------------
 
-    def _receive(self, link: _Link, now: float) -> None:
+    def _receive(self, link: Link, now: float) -> None:
         try:
             chunks = link.transport.receive()
         except LinkDownError as why:
@@ -289,7 +215,7 @@ class Links:
                 if self._believed(link, frame, now):
                     self._take(link, frame, now)
 
-    def _believed(self, link: _Link, frame: WireFrame, now: float) -> bool:
+    def _believed(self, link: Link, frame: WireFrame, now: float) -> bool:
         """Whether a frame may change anything: checked before it does."""
         if self._signer is None:
             return True
@@ -306,7 +232,7 @@ class Links:
             self._event(link, now, Severity.WARNING, text)
         return False
 
-    def _take(self, link: _Link, frame: WireFrame, now: float) -> None:
+    def _take(self, link: Link, frame: WireFrame, now: float) -> None:
         if frame.message_id not in WANTED:
             return
         if any(raw == frame.raw and now - when < _DUPLICATE_S for when, raw in link.recent):
@@ -323,7 +249,7 @@ class Links:
             for message in messages:
                 self._say(link, message)
 
-    def _notice(self, link: _Link, frame: WireFrame, messages: Sequence[Message], now: float) -> None:
+    def _notice(self, link: Link, frame: WireFrame, messages: Sequence[Message], now: float) -> None:
         """What a message of the vehicle tells of the link that it came by."""
         if frame.source == self.vehicle:
             link.subscription.heard(frame.message_id)
@@ -338,19 +264,19 @@ class Links:
                         each.subscription.start(self._decoder.kind, now)
                 self._boot_s = message.boot_s
 
-    def _heard(self, link: _Link, heartbeat: Heartbeat, now: float) -> None:
+    def _heard(self, link: Link, heartbeat: Heartbeat, now: float) -> None:
         link.heard_s = now
         if self.encoder.system != heartbeat.system:
             self.encoder = FrameEncoder(heartbeat.system, self._component)
         if link.status is not LinkStatus.ALIVE:
-            link.retry_wait_s = _RETRY_S[0]
+            link.retry_wait_s = FIRST_RETRY_S
             link.subscription.start(heartbeat.kind, now)
             self._beat_s = min(self._beat_s, now)  # a heartbeat of the right system and the requests go out at once
             said = f"{heartbeat.kind.value}, system {heartbeat.system}"
             self._state(link, LinkStatus.ALIVE, now, said)
 
-    def _event(self, link: _Link, now: float, severity: Severity, text: str) -> None:
+    def _event(self, link: Link, now: float, severity: Severity, text: str) -> None:
         self._say(link, Event(time_s=now, app="links", code=EventCode.SIGNING, severity=severity, text=text))
 
-    def _say(self, link: _Link, message: Message) -> None:
+    def _say(self, link: Link, message: Message) -> None:
         self._said.append((link.number, message))
