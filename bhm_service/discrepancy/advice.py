@@ -10,8 +10,9 @@ import numpy as np
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.findings import Verdict
+from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.flights import FlightData
-from bhm_service.discrepancy.joint import Fitted, Joint
+from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.search import Names, Search
 from bhm_service.discrepancy.selection import Selection
 from bhm_service.units import ZERO_CELSIUS_K, Array
@@ -72,7 +73,7 @@ def _said(fitted: Fitted, data: FlightData) -> Array:
         values = fitted.x[fitted.joint.unknowns.slice_of(block.name)]
         shared = block.name not in fitted.joint.per_flight
         x[joint.unknowns.slice_of(block.name)] = values if shared else values.mean()
-    return np.asarray(joint.predicted(x[None, :], 0).voltage[0])
+    return np.asarray(joint.predicted(x[None, :], 0, forms=False).voltage[0])
 
 
 def _extended(data: FlightData, seconds: float, current: float, before: bool) -> FlightData:

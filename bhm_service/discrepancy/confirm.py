@@ -10,14 +10,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bhm_service.discrepancy.fitting import Fitted, fit
 from bhm_service.discrepancy.flights import FlightData
-from bhm_service.discrepancy.joint import Fitted, Joint, fit
+from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.noise import Noise
 from bhm_service.discrepancy.search import Names, Search
 from bhm_service.units import Array
 
 _SEEN = 0.25  # of a flight's samples
 _FEWEST = 3  # flights
+_BETTER = 0.1  # of the error on unseen flights: a member whose removal brings this is no explanation
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +66,24 @@ def _pooled(parts: list[tuple[float, int]]) -> float:
     return float(np.sqrt(sum(n * e**2 for e, n in parts) / total))
 
 
+def harmful(found: Search, names: Names, known: dict[Names, list[Array]]) -> bool:
+    """Whether the set predicts unseen flights worse than it does without one of its members."""
+    if len(names) < 2 or len(found.base.flights) < _FEWEST:
+        return False
+    whole = _unseen_error(found, names, known)
+    return any(_unseen_error(found, names - {m}, known) < (1.0 - _BETTER) * whole for m in names)
+
+
+def _unseen_error(found: Search, names: Names, known: dict[Names, list[Array]]) -> float:
+    if names not in known:
+        known[names] = [_predicted(found, names, k) for k in range(len(found.base.flights))]
+    flights = [
+        LeftOutFlight(f.label, v, v, v, f.voltage_v, int(np.ceil(_SEEN * f.time_s.size)))
+        for f, v in zip(found.base.flights, known[names], strict=True)
+    ]
+    return HeldOut(tuple(flights)).after_v
+
+
 def held_out(found: Search, names: Names) -> HeldOut | None:
     """Predict every flight from the others, without and with a set of effects; None with fewer than three flights."""
     count = len(found.base.flights)
@@ -83,7 +103,7 @@ def _predicted(found: Search, names: Names, left: int) -> Array:
     whole = found.fitted(names)
     others = [k for k in range(len(found.base.flights)) if k != left]
     rest = subset(whole.joint, others)
-    learnt = fit(rest, found.noise, restricted(whole, rest, others), rounds=4)
+    learnt = fit(rest, found.noise, restricted(whole, rest, others), rounds=2)
     return predicted_from_quarter(whole.joint, learnt, left, found.noise)
 
 
@@ -123,7 +143,7 @@ def predicted_from_quarter(joint: Joint, learnt: Fitted | None, index: int, nois
     moving = [name for name in seen.per_flight if not name.startswith("form_")]
     own = fit(seen, noise, x, rounds=6, moving=moving)
     full = subset(replace(joint, flights=_put(joint.flights, index, _alone(data))), [index])
-    return np.asarray(full.predicted(own.x[None, :], 0).voltage[0])
+    return np.asarray(full.predicted(own.x[None, :], 0, forms=False).voltage[0])
 
 
 def _put(flights: tuple[FlightData, ...], index: int, data: FlightData) -> tuple[FlightData, ...]:

@@ -12,8 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from bhm_service.discrepancy.explanation import Contest
+from bhm_service.discrepancy.fitting import fit
 from bhm_service.discrepancy.flights import FlightData
-from bhm_service.discrepancy.joint import Joint, fit
+from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.search import NATS, Names, Search
 from bhm_service.units import REFERENCE_TEMPERATURE_K, Array
 

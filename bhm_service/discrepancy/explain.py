@@ -11,23 +11,26 @@ from bhm_service.battery.battery_file import BatteryFile, ModelName
 from bhm_service.discrepancy import verdict
 from bhm_service.discrepancy.advice import advice
 from bhm_service.discrepancy.candidate import NotExcited, candidates
-from bhm_service.discrepancy.confirm import HeldOut, held_out
+from bhm_service.discrepancy.confirm import HeldOut, harmful, held_out
 from bhm_service.discrepancy.decoys import contests
 from bhm_service.discrepancy.explanation import Contest, Course, Explanation
 from bhm_service.discrepancy.findings import ChangePoint, EffectFound, Findings, Fit, Inferred, Quantity, Region
+from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.flights import FlightData, LeftOut
-from bhm_service.discrepancy.joint import Fitted, Joint
+from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.lab import lab_of
 from bhm_service.discrepancy.locate import locate, regime_maps, variables
 from bhm_service.discrepancy.repair import flying, repaired, retuned
-from bhm_service.discrepancy.search import LEAST_SNR, Progress, Search, search
+from bhm_service.discrepancy.search import LEAST_SNR, Names, Progress, Search, search
 from bhm_service.discrepancy.selection import Selection, select
 from bhm_service.discrepancy.significance import familywise
 from bhm_service.errors import BadInputError
 from bhm_service.units import SECONDS_PER_HOUR, Array
 
 _FEWEST = 2  # flights
+_SAMPLES = 800  # of a flight that the search looks at: neighbours say the same thing
 _SEED = 1
+_SIGNIFICANT = 0.02  # over the whole catalogue
 _DRAWS = 24  # of the posterior, for the band of a hidden state
 _CELL_V = 3.7  # [V] for the energy of a pack
 
@@ -46,7 +49,7 @@ class Request:
 
 def explain(request: Request, progress: Progress = lambda _: None) -> Explanation:
     """Search, choose, confirm and say. Raises BadInputError with fewer than two usable flights."""
-    flights = tuple(request.flights)
+    flights = tuple(f.thinned(_SAMPLES) for f in request.flights)
     if len(flights) < _FEWEST:
         why = "; ".join(f"{r.label}: {r.because}" for r in request.left_out)
         raise BadInputError(
@@ -58,15 +61,13 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
     progress("the battery as it is")
     found = search(base, tried, progress)
     progress("which of them stands")
-    chosen = select(found)
+    rng = np.random.default_rng(_SEED)
+    chosen, p_values = _significant(found, rng)
     fitted = found.fitted(chosen.names)
     progress("flights that no fit saw")
     proof = held_out(found, chosen.names)
-    rng = np.random.default_rng(_SEED)
     progress("phantom drivers")
     rivals = contests(found, chosen.names, rng)
-    progress("the catalogue on noise alone")
-    p_values = familywise(found, chosen.names, rng)
     courses = _courses(base, fitted)
     dull = [
         NotExcited(c.id, f"of its usual size it would stand {found.snr[c.id]:.1f} sigma out of noise and lab errors")
@@ -101,17 +102,28 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
     )
 
 
+def _significant(found: Search, rng: np.random.Generator) -> tuple[Selection, dict[str, float]]:
+    """The best set of which no member does what some candidate does on noise alone, or harms on unseen flights."""
+    refuted: list[Names] = []
+    unseen: dict[Names, list[Array]] = {}
+    while True:
+        chosen = select(found, refuted)
+        p_values = familywise(found, chosen.names, rng)
+        if all(p <= _SIGNIFICANT for p in p_values.values()) and not harmful(found, chosen.names, unseen):
+            return chosen, p_values
+        refuted.append(chosen.names)
+
+
 def _courses(base: Joint, fitted: Fitted) -> list[Course]:
     """Every flight by the battery as it is and by the explanation; hidden states with their spread."""
     joint = fitted.joint
     bare = base.unknowns.start
-    shares = joint.shares(fitted.x)
     draws = _draws(fitted)
     hidden = [n for c in joint.members for _, kind in c.parts if kind.supplies for n in kind.state_names]
     found = []
     for k, data in enumerate(joint.flights):
         before = base.predicted(bare[None, :], k).voltage[0]
-        after = joint.predicted(fitted.x[None, :], k, shares[k])
+        after = joint.predicted(fitted.x[None, :], k)
         states: dict[str, tuple[Array, Array]] = {}
         if hidden:
             names = joint.pack(draws, k).state_names
@@ -200,7 +212,7 @@ def _rms(parts: Sequence[Array]) -> float:
 
 def parameters(fitted: Fitted, name: str) -> dict[str, Quantity]:
     """The numbers of one member, those of a flight by its number; in the units of the catalogue."""
-    values = fitted.joint.unknowns.values(fitted.x)
+    values = fitted.joint.values(fitted.x[None, :])
     found: dict[str, Quantity] = {}
     member = next(m for m in fitted.joint.members if m.id == name)
     for u in member.unknowns:

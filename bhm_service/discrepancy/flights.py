@@ -52,6 +52,32 @@ class FlightData:
         first = int(np.argmax(self.airborne)) if self.airborne.any() else 0
         return np.asarray(self.time_s - self.time_s[first])
 
+    def thinned(self, most: int) -> FlightData:
+        """The same with neighbouring samples averaged, where there are more than ``most``."""
+        size = -(-self.time_s.size // most)
+        if size == 1:
+            return self
+        count = self.time_s.size // size
+
+        def blocks(series: Array) -> Array:
+            return series[: count * size].reshape(count, size)
+
+        def mean(series: Array) -> Array:
+            return np.asarray(blocks(series).mean(axis=1))
+
+        return replace(
+            self,
+            time_s=mean(self.time_s),
+            current_a=mean(self.current_a),
+            voltage_v=mean(self.voltage_v),
+            temperature_k=None if self.temperature_k is None else mean(self.temperature_k),
+            airborne=blocks(self.airborne.astype(float)).mean(axis=1) >= 0.5,
+            altitude_m=mean(self.altitude_m),
+            climb_mps=mean(self.climb_mps),
+            speed_mps=mean(self.speed_mps),
+            pressure_pa=mean(self.pressure_pa),
+        )
+
     def part(self, where: slice) -> FlightData:
         """Some of its samples."""
         cut = {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TypeAlias
@@ -40,11 +39,12 @@ _FORM_LAG_S = (10.0, 60.0)
 
 @dataclass(frozen=True, slots=True)
 class Predicted:
-    """One flight under a hypothesis, for some vectors."""
+    """One flight under a hypothesis, for some vectors of which the first is the one in question."""
 
     voltage: Array  # [V] (M, T)
     rested: Array | None  # [V] (M, 1)
     soc: Array  # (T,) of the first vector
+    members: Array  # [V] what each member adds to the voltage (members, T)
     places: Places  # which numbers of the vector only add to the voltage
     added: Array  # [V] what one of each of them adds (numbers, T)
 
@@ -94,27 +94,44 @@ class Joint:
         return frozenset({_STARTS} | own | {f"form_flight.{c.id}" for c in self.members})
 
     @cached_property
-    def _columns(self) -> list[np.ndarray]:
-        """For each flight, the numbers of the vector that it depends on."""
-        found = []
-        for k in range(len(self.flights)):
-            used: list[int] = []
-            for block in self.unknowns.blocks:
-                if block.name in self._adding:
-                    continue
-                where = self.unknowns.slice_of(block.name)
-                used += [where.start + k] if block.name in self.per_flight else range(where.start, where.stop)
-            found.append(np.array(used))
-        return found
+    def _columns(self) -> list[Places]:
+        """For each flight, the numbers of the vector that a run of it depends on."""
+        return [
+            np.concatenate([self._of(b, k) for b in self.unknowns.blocks if b.name not in self._adding])
+            for k in range(len(self.flights))
+        ]
+
+    @cached_property
+    def _additions(self) -> list[Places]:
+        """For each flight, the numbers of the vector that only add to its voltage, in the order of their shapes."""
+        blocks = [*self.lab.additions(), *(b for c in self.members for b in self._form_blocks(c.id))]
+        return [np.concatenate([self._of(b, k) for b in blocks]) for k in range(len(self.flights))]
+
+    def _of(self, block: Block, flight: int) -> Places:
+        where = np.arange(self.places[block.name].start, self.places[block.name].stop)
+        return where[flight : flight + 1] if block.name in self.per_flight else where
+
+    @cached_property
+    def places(self) -> dict[str, slice]:
+        """Where each block stands in the vector."""
+        return {b.name: self.unknowns.slice_of(b.name) for b in self.unknowns.blocks}
+
+    @cached_property
+    def _followed(self) -> list[Array]:
+        return [self.lab.followed(f.time_s, f.current_a) for f in self.flights]
 
     @cached_property
     def scale(self) -> Array:
         """Standard deviation of what was known before, of every number."""
         return np.concatenate([b.sd for b in self.unknowns.blocks])
 
+    def values(self, x: Array) -> dict[str, Array]:
+        """Blocks of vectors (M, n) by name, each (M, size), in their own units."""
+        return {b.name: b.outer(x[:, self.places[b.name]]) for b in self.unknowns.blocks}
+
     def effects(self, x: Array, flight: int) -> list[Effect]:
         """All effects of one flight for vectors (M, n)."""
-        values = self.unknowns.values(x)
+        values = self.values(x)
         return [
             *self.lab.effects,
             LabError(values),
@@ -125,101 +142,68 @@ class Joint:
         """The pack of one flight for vectors (M, n)."""
         return PackModel(self.lab.cell, self.lab.series, self.lab.parallel, self.effects(x, flight))
 
-    def simulated(self, x: Array, flight: int) -> Simulation:
+    def simulated(self, x: Array, flight: int, pack: PackModel | None = None) -> Simulation:
         """One flight for vectors (M, n)."""
         data = self.flights[flight]
-        pack = self.pack(x, flight)
-        start = self.unknowns.values(x)[_STARTS][:, flight : flight + 1]
-        return pack.simulate(data.time_s, data.current_a, start, data.temperature_k)
+        start = x[:, self.places[_STARTS]][:, flight : flight + 1]
+        return (pack or self.pack(x, flight)).simulate(data.time_s, data.current_a, start, data.temperature_k)
 
-    def without(self, x: Array, name: str) -> Array:
-        """A vector (n,) with one member's effect taken away."""
-        bare = x.copy()
-        for member in self.members:
-            for u in member.amplitudes() if member.id == name else ():
+    def without(self, x: Array) -> Array:
+        """For each member, a vector with its effect taken away; (members, n)."""
+        bare = np.tile(x, (len(self.members), 1))
+        for row, member in zip(bare, self.members, strict=True):
+            for u in member.amplitudes():
                 assert u.declared.absent is not None
-                bare[self.unknowns.slice_of(u.name)] = np.log(u.declared.absent) if u.log else u.declared.absent
+                row[self.places[u.name]] = np.log(u.declared.absent) if u.log else u.declared.absent
         return bare
 
-    def shares(self, x: Array) -> list[list[Array]]:
-        """What each member adds to the voltage of each flight [V], and by which shapes that may be off (rows, T)."""
-        found = []
-        for k, data in enumerate(self.flights):
-            whole = self.simulated(x[None, :], k)
-            own = []
-            for member in self.members:
-                added = whole.voltage[0] - self.simulated(self.without(x, member.id)[None, :], k).voltage[0]
-                place = np.interp(whole.soc[0], _FORM_SOC, np.arange(_FORM_SOC.size, dtype=float))
-                hats = np.maximum(1.0 - np.abs(place - np.arange(_FORM_SOC.size)[:, None]), 0.0)
-                usual = float(np.mean(np.abs(data.current_a))) + 1e-9
-                light = added * np.clip(1.0 - np.abs(data.current_a) / usual, -1.0, 1.0)
-                late = [lagging(data.time_s, added, tau) - added for tau in _FORM_LAG_S]
-                own.append(np.vstack([added, added * hats, light, *late]))
-            found.append(own)
-        return found
-
-    def additions(self, x: Array, flight: int, soc: Array, shares: Sequence[Array]) -> tuple[Places, Array]:
-        """Which numbers of the vector only add to a flight's voltage, and what one of each adds [V]; (numbers, T)."""
-        data = self.flights[flight]
-        rows = [self.lab.added(data.time_s, data.current_a, soc)]
-        places = [np.arange(*self._span(b.name)) for b in self.lab.additions()]
-        for member, shapes in zip(self.members, shares, strict=False):
-            for block in self._form_blocks(member.id):
-                where = np.arange(*self._span(block.name))
-                places.append(where[flight : flight + 1] if block.name in self.per_flight else where)
-            rows.append(shapes)
-        found = np.concatenate(places)
-        return (found, np.concatenate(rows)) if len(shares) else (found[: rows[0].shape[0]], rows[0])
-
-    def _span(self, name: str) -> tuple[int, int]:
-        where = self.unknowns.slice_of(name)
-        return where.start, where.stop
-
-    def predicted(self, x: Array, flight: int, shares: Sequence[Array] = ()) -> Predicted:
+    def predicted(self, points: Array, flight: int, forms: bool = True) -> Predicted:
         """One flight's voltages for vectors (M, n), and the voltage rested after it where the sidecar has one.
 
         What only adds is taken along the first vector's charge: the others differ from it by steps of differences.
+        Without ``forms`` the members are taken by their equations alone.
         """
-        run = self.simulated(x, flight)
-        soc = run.soc[0] if run.soc.ndim > 1 else run.soc
-        places, rows = self.additions(x[0], flight, soc, shares)
-        voltage = run.voltage + x[:, places] @ rows
-        notes = self.flights[flight].notes
+        data = self.flights[flight]
+        everything = np.vstack([points, self.without(points[0])])
+        pack = self.pack(everything, flight)
+        run = self.simulated(everything, flight, pack)
+        wide = np.broadcast_to(run.voltage, (everything.shape[0], data.time_s.size))
+        soc = np.broadcast_to(run.soc, wide.shape)[0]
+        members = wide[0] - wide[points.shape[0] :]
+        rows = [self.lab.added(self._followed[flight], data.current_a, soc)]
+        rows += [_form_shapes(added, data, soc) for added in members]
+        added, places = np.concatenate(rows), self._additions[flight]
+        count = places.size if forms else rows[0].shape[0]
+        voltage = wide[: points.shape[0]] + points[:, places[:count]] @ added[:count]
         rested = None
-        if notes.rest_voltage_v is not None:
-            bends = x[:, places[: BEND_SOC.size]] @ rows[: BEND_SOC.size, -1:]
-            rested = self._rested(x, flight, run, notes.rest_s) + bends
-        return Predicted(voltage, rested, soc, places, rows)
+        if data.notes.rest_voltage_v is not None:
+            bends = points[:, places[: BEND_SOC.size]] @ added[: BEND_SOC.size, -1:]
+            rested = self._rested(pack, flight, run)[: points.shape[0]] + bends
+        return Predicted(voltage, rested, soc, members, places, added)
 
-    def _rested(self, x: Array, flight: int, run: Simulation, rest_s: float) -> Array:
+    def _rested(self, flown: PackModel, flight: int, run: Simulation) -> Array:
         """After landing the pack is unplugged: nothing flows, and another meter reads it."""
         data = self.flights[flight]
-        effects = self.effects(x, flight)
-        plain = self.pack(x, flight)
         kept = [
             e
-            for e in effects
+            for e in flown.effects
             if type(e).true_current is Effect.true_current and type(e).measured_voltage is Effect.measured_voltage
         ]
         pack = PackModel(self.lab.cell, self.lab.series, self.lab.parallel, kept)
-        names = dict(zip(plain.state_names, run.states, strict=True))
-        columns = np.broadcast_shapes(*(np.shape(names[n])[:-1] for n in pack.state_names))
-        ends = np.stack([np.broadcast_to(names[n][..., -1], columns) for n in pack.state_names], axis=-1)
+        names = dict(zip(flown.state_names, run.states, strict=True))
+        last = [np.broadcast_to(names[n], np.broadcast_shapes(names[n].shape, run.voltage.shape))[..., -1]
+                for n in pack.state_names]  # fmt: skip
         kelvin = None if data.temperature_k is None else float(data.temperature_k[-1])
-        rested = pack.step(ends[:, None, :], rest_s, 0.0, 0.0, kelvin)
+        rested = pack.step(np.stack(last, axis=-1)[:, None, :], data.notes.rest_s, 0.0, 0.0, kelvin)
         return np.asarray(pack.voltage(rested, 0.0, kelvin))
-
-    def residuals(self, x: Array, flight: int, noise: Noise, shares: Sequence[Array] = ()) -> Array:
-        """Whitened measured minus modelled voltages (M, T), the rested one last where there is one."""
-        return self._whitened(self.predicted(np.atleast_2d(x), flight, shares), flight, noise)
 
     def _whitened(self, modelled: Predicted, flight: int, noise: Noise) -> Array:
         data = self.flights[flight]
         misfit = data.voltage_v - modelled.voltage
         known = np.isfinite(data.voltage_v)
         if not known.all():
-            places = np.arange(known.size)
-            misfit = np.array([np.interp(places, places[known], row[known]) for row in misfit])
+            at = np.arange(known.size)
+            misfit = np.array([np.interp(at, at[known], row[known]) for row in misfit])
         white = noise.whitened(misfit)
         if not known.all():
             white[:, ~known] = 0.0
@@ -234,16 +218,16 @@ class Joint:
 
     def misfits(self, x: Array) -> list[Array]:
         """Measured minus modelled voltage [V] of every flight, NaN where it was not measured; by the equations."""
-        return [f.voltage_v - self.predicted(x[None, :], k).voltage[0] for k, f in enumerate(self.flights)]
+        return [f.voltage_v - self.predicted(x[None, :], k, forms=False).voltage[0] for k, f in enumerate(self.flights)]
 
-    def linearised(self, x: Array, noise: Noise, shares: Sequence[Sequence[Array]]) -> tuple[list[Array], list[Array]]:
+    def linearised(self, x: Array, noise: Noise) -> tuple[list[Array], list[Array]]:
         """Whitened residuals of every flight, and their derivatives (rows, n) by the vector in standard deviations."""
         rows, slopes = [], []
         for k, used in enumerate(self._columns):
             points = np.tile(x, (used.size + 1, 1))
             steps = self._steps(x)[used]
             points[np.arange(1, used.size + 1), used] += steps
-            modelled = self.predicted(points, k, shares[k])
+            modelled = self.predicted(points, k)
             found = self._whitened(modelled, k, noise)
             slope = np.zeros((found.shape[1], x.size))
             slope[:, used] = ((found[1:] - found[0]) / (steps / self.scale[used])[:, None]).T
@@ -263,11 +247,6 @@ class Joint:
         step = _STEP * self.scale
         return np.where(x + step > self.unknowns.high, -step, step)
 
-    def cost(self, x: Array, noise: Noise, shares: Sequence[Sequence[Array]]) -> tuple[list[Array], float]:
-        """Residuals alone, and what `fit` minimises."""
-        rows = [self.residuals(x[None, :], k, noise, shares[k])[0] for k in range(len(self.flights))]
-        return rows, bulk(rows) + float(np.sum(self.pulls(x) ** 2))
-
     def pulls(self, x: Array) -> Array:
         """How far a vector is from what was known before, number by number and of their sums."""
         single = self.unknowns.pulls(x)[0]
@@ -284,115 +263,14 @@ class Joint:
         return np.asarray(np.eye(self.scale.size) + self.ties.T @ self.ties)
 
 
-_FAR = 3.0  # standard deviations: beyond, an innovation counts by its size, not by its square
-
-
-def bulk(rows: Sequence[Array]) -> float:
-    """Huber's sum over innovations: squares near zero, straight lines beyond."""
-    total = 0.0
-    for row in rows:
-        size = np.abs(row)
-        total += float(np.sum(np.where(size <= _FAR, size**2, 2.0 * _FAR * size - _FAR**2)))
-    return total
-
-
-def weights(row: Array) -> Array:
-    """Weight of each innovation in the normal equations."""
-    return np.asarray(np.minimum(1.0, _FAR / np.maximum(np.abs(row), 1e-12)))
-
-
-@dataclass(frozen=True)
-class Fitted:
-    """A hypothesis at its best."""
-
-    joint: Joint
-    noise: Noise
-    x: Array
-    cost: float
-    rows: list[Array]
-    slopes: list[Array]
-    curvature: Array  # of half the cost, by the vector in standard deviations of the prior
-
-    @property
-    def size(self) -> int:
-        """Number of residuals."""
-        return sum(r.size for r in self.rows)
-
-    @property
-    def misfit(self) -> float:
-        """Mean squared innovation, far ones by their size: one where the noise explains all."""
-        return bulk(self.rows) / self.size
-
-    def evidence(self, inflation: float) -> float:
-        """Laplace's approximation of the log evidence, but for what all hypotheses on these flights share. [nats]
-
-        ``inflation`` of the noise's variance has to be the same for all that are compared.
-        """
-        return float(-0.5 * self.cost / inflation - 0.5 * np.linalg.slogdet(self.curvature)[1])
-
-    @property
-    def covariance(self) -> Array:
-        """Of the vector, in its own numbers."""
-        scale = self.joint.scale
-        inverse = np.linalg.inv(self.curvature)
-        return np.asarray(inverse * np.outer(scale, scale))
-
-    def sd(self, name: str) -> Array:
-        """Standard deviations of a block."""
-        where = self.joint.unknowns.slice_of(name)
-        return np.asarray(np.sqrt(np.diag(self.covariance)[where]))
-
-
-def fit(
-    joint: Joint, noise: Noise, start: Array | None = None, rounds: int = 12, moving: Sequence[str] | None = None
-) -> Fitted:
-    """Maximum a posteriori by damped Gauss-Newton inside the bounds; ``moving`` names the blocks that move."""
-    unknowns = joint.unknowns
-    still = np.zeros(unknowns.start.size, dtype=bool)
-    for block in unknowns.blocks if moving is not None else ():
-        still[unknowns.slice_of(block.name)] = block.name not in (moving or ())
-    low, high, scale = unknowns.low, unknowns.high, joint.scale
-    x = np.clip(unknowns.start if start is None else start, low, high)
-    shares = joint.shares(x)
-    rows, slopes = joint.linearised(x, noise, shares)
-    cost = bulk(rows) + float(np.sum(joint.pulls(x) ** 2))
-    damping = 1e-3
-    curvature = _curvature(joint, rows, slopes)
-    for _ in range(rounds):
-        gradient = sum(s.T @ (weights(r) * r) for s, r in zip(slopes, rows, strict=True))
-        gradient = gradient + joint.known @ unknowns.pulls(x)[0]
-        held = still | ((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0))
-        accepted = False
-        for _ in range(6):
-            matrix = curvature + damping * np.diag(np.diag(curvature))
-            free = ~held
-            step = np.zeros(x.size)
-            step[free] = -np.linalg.solve(matrix[np.ix_(free, free)], gradient[free])
-            trial = np.clip(x + scale * step, low, high)
-            _, trial_cost = joint.cost(trial, noise, shares)
-            if trial_cost < cost:
-                accepted = True
-                break
-            damping = max(damping, 1e-4) * 10.0
-        if not accepted:
-            break
-        gain = cost - trial_cost
-        x = trial
-        damping = max(damping * 0.2, 1e-6)
-        shares = joint.shares(x)
-        rows, slopes = joint.linearised(x, noise, shares)
-        cost = bulk(rows) + float(np.sum(joint.pulls(x) ** 2))
-        curvature = _curvature(joint, rows, slopes)
-        if gain < 0.02 + 1e-5 * cost:
-            break
-    return Fitted(joint=joint, noise=noise, x=x, cost=cost, rows=rows, slopes=slopes, curvature=curvature)
-
-
-def _curvature(joint: Joint, rows: Sequence[Array], slopes: Sequence[Array]) -> Array:
-    total = joint.known.copy()
-    for row, slope in zip(rows, slopes, strict=True):
-        total += slope.T @ (weights(row)[:, None] * slope)
-    return np.asarray(total)
+def _form_shapes(added: Array, data: FlightData, soc: Array) -> Array:
+    """By which shapes what a member adds to the voltage may be off (shapes, T); in the order of its form blocks."""
+    place = np.interp(soc, _FORM_SOC, np.arange(_FORM_SOC.size, dtype=float))
+    hats = np.maximum(1.0 - np.abs(place - np.arange(_FORM_SOC.size)[:, None]), 0.0)
+    usual = float(np.mean(np.abs(data.current_a))) + 1e-9
+    light = added * np.clip(1.0 - np.abs(data.current_a) / usual, -1.0, 1.0)
+    late = [lagging(data.time_s, added, tau) - added for tau in _FORM_LAG_S]
+    return np.vstack([added, added * hats, light, *late])
 
 
 def _about_zero(name: str, size: int, sd: float) -> Block:

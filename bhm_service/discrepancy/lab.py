@@ -8,7 +8,8 @@ no such terms an effect absorbs every error of the model, with wide ones nothing
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,8 +31,9 @@ _HOVER_C = 2.0  # [1/h] load at which what a model is off by is weighed against 
 _LEAST_SD = {"resistance": 0.03, "polarisation": 0.08, "capacity": 0.01}  # of the logarithm: what a lab repeats to
 _BEND_SD = (0.003, 0.010)  # [V] a cell's open-circuit curve is known to, at best and at worst
 _DROP_SD = (0.05, 0.12)  # of the resistance, at each state of charge and relaxation, likewise
-_LEVEL_SD = 0.03  # of the resistance at once and within a minute: the lab's own load pins it down
+_LEVEL_SD = 0.05  # of the resistance at each charge, at once and within a minute: the lab's own load pins it down
 _LEVEL_S = 60.0  # what comes later the lab cannot tell from the open-circuit curve
+_MOST_WIDER = 3.0  # times that, where the flights show that a model follows its own pack less well
 _REACH = 8.0  # standard deviations within which a nuisance may be fitted
 
 
@@ -59,6 +61,14 @@ class Lab:
         """Of the pack. [C]"""
         return float(np.asarray(self.cell.capacity_c)) * self.parallel
 
+    def widened(self, pulls: Callable[[str], Array]) -> Lab:
+        """The same with its shapes as uncertain as a fit found them to be, never less; ``pulls`` by block, in sd."""
+        drops = np.concatenate([pulls(b.name) for b in self.additions() if b.name.startswith("lab_drop")])
+        bend, drop = (
+            float(np.clip(np.sqrt(np.mean(found**2)), 1.0, _MOST_WIDER)) for found in (pulls("lab_bends"), drops)
+        )
+        return replace(self, bend_sd_v=bend * self.bend_sd_v, drop_sd=drop * self.drop_sd)
+
     def blocks(self) -> list[Block]:
         """The unknowns that every hypothesis has and that move the cell itself."""
         return [
@@ -76,31 +86,35 @@ class Lab:
         ]
 
     def ties(self, unknowns: Unknowns) -> Array:
-        """What the lab knows of sums of the unknowns: the resistance at once and within a minute; (2, n).
+        """What the lab knows of sums of the unknowns: the resistance at once and within a minute, at each charge.
 
         Each row, times the vector in standard deviations of what was known before, is a standard normal.
         """
-        rows = np.zeros((2, unknowns.start.size))
-        rows[:, unknowns.slice_of("lab_resistance")] = self.ohmic_share * self.resistance_sd
-        rows[1, unknowns.slice_of("lab_polarisation")] = (1.0 - self.ohmic_share) * self.polarisation_sd
+        rows = np.zeros((2, DROP_SOC.size, unknowns.start.size))
+        rows[:, :, unknowns.slice_of("lab_resistance")] = self.ohmic_share * self.resistance_sd
+        rows[1, :, unknowns.slice_of("lab_polarisation")] = (1.0 - self.ohmic_share) * self.polarisation_sd
         for tau in (t for t in DROP_S if t < _LEVEL_S):
-            rows[0 if tau == 0.0 else 1 :, unknowns.slice_of(f"lab_drop_{tau:.0f}")] = self.drop_sd / DROP_SOC.size
-        return rows / (_LEVEL_SD if self.identified else self.resistance_sd)
+            first = unknowns.slice_of(f"lab_drop_{tau:.0f}").start
+            for knot in range(DROP_SOC.size):
+                rows[0 if tau == 0.0 else 1 :, knot, first + knot] = self.drop_sd
+        flat = rows.reshape(-1, unknowns.start.size)
+        return np.asarray(flat / (_LEVEL_SD if self.identified else self.resistance_sd))
 
-    def added(self, time_s: Array, current: Array, soc: Array) -> Array:
+    def followed(self, time_s: Array, current: Array) -> Array:
+        """The current through a cell [A] as each relaxation follows it, along a flight; (relaxations, T)."""
+        cell = current / self.parallel
+        return np.stack([cell if tau == 0.0 else lagging(time_s, cell, tau) for tau in DROP_S])
+
+    def added(self, followed: Array, current: Array, soc: Array) -> Array:
         """What one of each of `additions` adds to the pack's voltage [V] along a flight; (numbers, T)."""
         cell = current / self.parallel
-        bends = _hats(BEND_SOC, soc)
         places = _hats(DROP_SOC, soc)
-        drops = []
-        for tau in DROP_S:
-            followed = cell if tau == 0.0 else lagging(time_s, cell, tau)
-            drops.append(-self.ohm * followed * places)
+        drops = (-self.ohm * followed[:, None, :] * places).reshape(-1, soc.size)
         hover = _HOVER_C * self.capacity_c / self.parallel / SECONDS_PER_HOUR
         # A drop that bends with the current, at low and at high charge, without changing it at the hover.
         bent = -self.ohm * cell * (np.abs(cell) / hover - 1.0)
-        curve = np.stack([bent * (1.0 - np.clip(soc, 0.0, 1.0)), bent * np.clip(soc, 0.0, 1.0)])
-        return np.asarray(self.series * np.concatenate([bends, *drops, curve]))
+        charge = np.clip(soc, 0.0, 1.0)
+        return np.asarray(self.series * np.vstack([_hats(BEND_SOC, soc), drops, bent * (1.0 - charge), bent * charge]))
 
 
 def _near(name: str, size: int, sd: float) -> Block:

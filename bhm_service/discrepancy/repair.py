@@ -12,7 +12,8 @@ from bhm_service.battery.pack import PackModel
 from bhm_service.battery.parameters import parameters_of
 from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.explanation import Flying
-from bhm_service.discrepancy.joint import Fitted, Joint
+from bhm_service.discrepancy.fitting import Fitted
+from bhm_service.discrepancy.joint import Joint
 from bhm_service.prediction.end_of_discharge import Limits, end_of_discharge
 
 RESERVE_SOC = 0.2
@@ -38,8 +39,7 @@ def repaired(battery: BatteryFile, fitted: Fitted, source: str) -> tuple[Battery
 
 
 def _joined(fitted: Fitted, member: Candidate, key: str, kind: type[Effect]) -> Joined | None:
-    unknowns = fitted.joint.unknowns
-    values = unknowns.values(fitted.x)
+    values = fitted.joint.values(fitted.x[None, :])
     given: dict[str, float] = {}
     spread: dict[str, float] = {}
     for u in member.unknowns:
@@ -62,7 +62,7 @@ def _joined(fitted: Fitted, member: Candidate, key: str, kind: type[Effect]) -> 
 
 def retuned(battery: BatteryFile, fitted: Fitted) -> BatteryFile:
     """The battery with its own resistance and capacity moved to where the flights put them."""
-    values = fitted.joint.unknowns.values(fitted.x)
+    values = fitted.joint.values(fitted.x[None, :])
     ohmic, charge = (float(np.exp(values[f"lab_{name}"][0, 0])) for name in ("resistance", "capacity"))
     circ, chem = battery.circ, battery.chem
     if circ is not None:
@@ -83,14 +83,14 @@ def flying(joint: Joint, fitted: Fitted) -> list[Flying]:
     found = []
     lab = joint.lab
     limits = Limits(threshold_soc=RESERVE_SOC, cutoff_v=_CUTOFF_V * lab.series)
-    starts = joint.unknowns.values(fitted.x)["start_soc"][0]
+    starts = joint.values(fitted.x[None, :])["start_soc"][0]
     for k, data in enumerate(joint.flights):
         power = np.nanmean((data.voltage_v * data.current_a)[data.airborne]) if data.airborne.any() else np.nan
         if not np.isfinite(power) or power <= 0.0:
             continue
         kelvin = None if data.temperature_k is None else float(data.temperature_k[0])
         times = []
-        own = [as_numbers(e) for c in joint.members for e in c.effects(joint.unknowns.values(fitted.x), k)]
+        own = [as_numbers(e) for c in joint.members for e in c.effects(joint.values(fitted.x[None, :]), k)]
         soc = 1.0 if data.reading is None else data.reading
         for effects, start in (((), soc), (own, float(starts[k]))):
             pack = PackModel(lab.cell, lab.series, lab.parallel, [*lab.effects, *effects])

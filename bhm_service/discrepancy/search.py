@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from bhm_service.discrepancy.candidate import Candidate
-from bhm_service.discrepancy.joint import Fitted, Joint, fit
+from bhm_service.discrepancy.fitting import Fitted, fit
+from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.noise import Noise, estimated
 from bhm_service.discrepancy.steps import contact_candidate, episodes
 from bhm_service.units import Array, Flags
@@ -104,7 +105,7 @@ class Geometry:
 def candidate_geometry(at: Fitted, joint: Joint, candidate: Candidate) -> Geometry:
     """Score and information of a candidate added to a fit."""
     x = _absent(joint, at, candidate)
-    rows, slopes = joint.linearised(x, at.noise, joint.shares(x))
+    rows, slopes = joint.linearised(x, at.noise)
     slope = np.vstack(slopes)
     curvature = slope.T @ slope
     new = _new(joint, candidate)
@@ -156,7 +157,7 @@ def saturated_noise(at: Fitted, candidates: Sequence[Candidate]) -> Noise:
     for candidate in (None, *(c for c in candidates if c not in joint.members)):
         wider = joint if candidate is None else Joint(joint.lab, joint.flights, (*joint.members, candidate))
         x = at.x if candidate is None else _absent(wider, at, candidate)
-        found, slopes = wider.linearised(x, plain, wider.shares(x))
+        found, slopes = wider.linearised(x, plain)
         if candidate is None:
             rows = found
         for k, slope in enumerate(slopes):
@@ -185,14 +186,17 @@ def search(base: Joint, candidates: Sequence[Candidate], progress: Progress = la
     at = found.fitted(frozenset(), start)
     found.snr = {c.id: expected_snr(at, found.joint(frozenset({c.id})), c) for c in candidates}
     found.candidates = tuple(c for c in candidates if found.snr[c.id] > LEAST_SNR or c.inferred)
-    _grow(found, depth=2, progress=progress)
+    _grow(found, depth=1, progress=progress)
     best = found.fits[found.ranked()[0]]
     steps = episodes(best)
     contacts = [contact_candidate(steps, len(base.flights))] if steps else []
     everything = (*found.candidates, *contacts)
     noise = saturated_noise(best, everything)
     progress("sets of effects")
-    again = Search(base, everything, noise, found.snr)
+    # An effect that is part of the answer is in the fit already; what is still pulled is the model's own error.
+    pulls = best.joint.unknowns.pulls(best.x)[0]
+    wider = replace(base, lab=base.lab.widened(lambda name: pulls[best.joint.places[name]]))
+    again = Search(wider, everything, noise, found.snr)
     again.fitted(frozenset(), found.fits[frozenset()])
     for names in found.ranked()[: 2 * _WIDTH]:
         again.fitted(names, found.fits[names])

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
 
 from bhm_service.battery.effects import EFFECTS
-from bhm_service.discrepancy.joint import Fitted
+from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.search import NATS, Names, Search
 
+_RIVALLED = 2  # of the best sets, whose members are held against their mimics
 LEAST_V = 0.001  # [V] of a cell: what adds less than this to the voltage changes nothing that anybody flies by
-_LEAST_SHARE = 0.2  # of the largest member's: less than twice what that member's own equation may be off by
+_LEAST_SHARE = 0.33  # of the largest member's, a tenth in power: thrice what that one's own equation may be off by
 _REACH = 0.995  # of the way to a bound of what is physical
 _ORDER = {name: place for place, name in enumerate(EFFECTS)}  # the commoner first
 
@@ -26,11 +28,11 @@ class Selection:
     added_v: dict[str, float]  # [V] RMS that each member adds to the pack's voltage
 
 
-def select(found: Search) -> Selection:
+def select(found: Search, refuted: Collection[Names] = ()) -> Selection:
     """The best of the sets whose every member earns its place; among equals the simplest, then the commonest."""
-    for names in found.ranked()[:6]:
+    for names in found.ranked()[:_RIVALLED]:
         _swaps(found, names)
-    valid = [names for names in found.ranked() if names and _stands(found, names)]
+    valid = [names for names in found.ranked() if names and names not in refuted and _stands(found, names)]
     best = max((found.evidence(names) for names in valid), default=0.0)
     if best < NATS:
         return Selection(frozenset(), (), {}, {})
@@ -54,6 +56,8 @@ def _swaps(found: Search, names: Names) -> None:
 
 
 def _stands(found: Search, names: Names) -> bool:
+    if not _separable(found, names):
+        return False
     volts = added(found.fitted(names))
     least = max(LEAST_V * found.base.lab.series, _LEAST_SHARE * max(volts.values()))
     if min(volts.values()) < least or not _physical(found.fitted(names)):
@@ -61,13 +65,17 @@ def _stands(found: Search, names: Names) -> bool:
     return min(found.earned(names).values()) >= NATS
 
 
+def _separable(found: Search, names: Names) -> bool:
+    """Where a driver was not measured, no mimic of what it drives can stand beside it, nor a second such effect."""
+    hidden = {c.id for c in found.candidates if c.id in names and c.inferred}
+    return len(hidden) <= 1 and not any(set(EFFECTS[h].mimics) & names for h in hidden)
+
+
 def added(fitted: Fitted) -> dict[str, float]:
     """RMS of what each member adds to the pack's voltage over all flights. [V]"""
-    shares = fitted.joint.shares(fitted.x)
-    return {
-        member.id: float(np.sqrt(np.mean(np.concatenate([own[k][0] for own in shares]) ** 2)))
-        for k, member in enumerate(fitted.joint.members)
-    }
+    flights = range(len(fitted.joint.flights))
+    parts = np.concatenate([fitted.joint.predicted(fitted.x[None, :], k).members for k in flights], axis=1)
+    return {member.id: float(np.sqrt(np.mean(parts[k] ** 2))) for k, member in enumerate(fitted.joint.members)}
 
 
 def _physical(fitted: Fitted) -> bool:

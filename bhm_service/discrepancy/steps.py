@@ -13,7 +13,7 @@ import numpy as np
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.candidate import Candidate, Unknown
-from bhm_service.discrepancy.joint import Fitted
+from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.units import Array
 
 _ID = "intermittent-contact"

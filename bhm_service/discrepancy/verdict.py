@@ -9,8 +9,8 @@ import numpy as np
 
 from bhm_service.discrepancy.explanation import Contest, Course
 from bhm_service.discrepancy.findings import Verdict
+from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.flights import FlightData
-from bhm_service.discrepancy.joint import Fitted
 from bhm_service.discrepancy.search import LEAST_SNR, Search
 from bhm_service.discrepancy.selection import LEAST_V, Selection
 from bhm_service.units import Array

@@ -1,0 +1,117 @@
+"""Fitting a hypothesis to its flights: maximum a posteriori, and the evidence for it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bhm_service.discrepancy.joint import Joint
+from bhm_service.discrepancy.noise import Noise
+from bhm_service.units import Array
+
+_FAR = 3.0  # standard deviations: beyond, an innovation counts by its size, not by its square
+
+
+def bulk(rows: Sequence[Array]) -> float:
+    """Huber's sum over innovations: squares near zero, straight lines beyond."""
+    total = 0.0
+    for row in rows:
+        size = np.abs(row)
+        total += float(np.sum(np.where(size <= _FAR, size**2, 2.0 * _FAR * size - _FAR**2)))
+    return total
+
+
+def weights(row: Array) -> Array:
+    """Weight of each innovation in the normal equations."""
+    return np.asarray(np.minimum(1.0, _FAR / np.maximum(np.abs(row), 1e-12)))
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A hypothesis at its best."""
+
+    joint: Joint
+    noise: Noise
+    x: Array
+    cost: float
+    rows: list[Array]
+    slopes: list[Array]
+    curvature: Array  # of half the cost, by the vector in standard deviations of the prior
+
+    @property
+    def size(self) -> int:
+        """Number of residuals."""
+        return sum(r.size for r in self.rows)
+
+    @property
+    def misfit(self) -> float:
+        """Mean squared innovation, far ones by their size: one where the noise explains all."""
+        return bulk(self.rows) / self.size
+
+    def evidence(self, inflation: float) -> float:
+        """Laplace's approximation of the log evidence, but for what all hypotheses on these flights share. [nats]
+
+        ``inflation`` of the noise's variance has to be the same for all that are compared.
+        """
+        return float(-0.5 * self.cost / inflation - 0.5 * np.linalg.slogdet(self.curvature)[1])
+
+    @property
+    def covariance(self) -> Array:
+        """Of the vector, in its own numbers."""
+        scale = self.joint.scale
+        inverse = np.linalg.inv(self.curvature)
+        return np.asarray(inverse * np.outer(scale, scale))
+
+    def sd(self, name: str) -> Array:
+        """Standard deviations of a block."""
+        where = self.joint.unknowns.slice_of(name)
+        return np.asarray(np.sqrt(np.diag(self.covariance)[where]))
+
+
+def fit(
+    joint: Joint, noise: Noise, start: Array | None = None, rounds: int = 12, moving: Sequence[str] | None = None
+) -> Fitted:
+    """Maximum a posteriori by damped Gauss-Newton inside the bounds; ``moving`` names the blocks that move."""
+    unknowns = joint.unknowns
+    still = np.zeros(unknowns.start.size, dtype=bool)
+    for block in unknowns.blocks if moving is not None else ():
+        still[unknowns.slice_of(block.name)] = block.name not in (moving or ())
+    low, high, scale = unknowns.low, unknowns.high, joint.scale
+    x = np.clip(unknowns.start if start is None else start, low, high)
+    rows, slopes = joint.linearised(x, noise)
+    cost = bulk(rows) + float(np.sum(joint.pulls(x) ** 2))
+    curvature = _curvature(joint, rows, slopes)
+    damping = 1e-3
+    for _ in range(rounds):
+        gradient = sum(s.T @ (weights(r) * r) for s, r in zip(slopes, rows, strict=True))
+        gradient = gradient + joint.known @ unknowns.pulls(x)[0]
+        held = still | ((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0))
+        free = ~held
+        gain = -1.0
+        for _ in range(5):
+            matrix = curvature + damping * np.diag(np.diag(curvature))
+            step = np.zeros(x.size)
+            step[free] = -np.linalg.solve(matrix[np.ix_(free, free)], gradient[free])
+            trial = np.clip(x + scale * step, low, high)
+            found = joint.linearised(trial, noise)
+            gain = cost - bulk(found[0]) - float(np.sum(joint.pulls(trial) ** 2))
+            if gain > 0.0:
+                break
+            damping = max(damping, 1e-4) * 10.0
+        if gain <= 0.0:
+            break
+        x, cost, (rows, slopes) = trial, cost - gain, found
+        curvature = _curvature(joint, rows, slopes)
+        damping = max(damping * 0.2, 1e-6)
+        if gain < 0.05 + 1e-5 * cost:
+            break
+    return Fitted(joint=joint, noise=noise, x=x, cost=cost, rows=rows, slopes=slopes, curvature=curvature)
+
+
+def _curvature(joint: Joint, rows: Sequence[Array], slopes: Sequence[Array]) -> Array:
+    total = joint.known.copy()
+    for row, slope in zip(rows, slopes, strict=True):
+        total += slope.T @ (weights(row)[:, None] * slope)
+    return np.asarray(total)
