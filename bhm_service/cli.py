@@ -146,63 +146,27 @@ def identify(**given: Any) -> None:
 
 
 @cli.command()
-@click.option("--suite", "suites", multiple=True, required=True, help="Suite of cases; may be given several times.")
+@click.option("--suite", "suites", multiple=True, help="exam, truth, real, development, quick or shared; repeatable.")
 @click.option("--seed", type=click.IntRange(0), help="Development seed; without one an exam seed is drawn now.")
 @click.option("--cases", type=click.IntRange(1), help="Cases of each suite; as many as it has.")
 @click.option("--jobs", type=click.IntRange(1), default=2, show_default=True, help="Cases at a time.")
 @click.option("--answerer", default="tool", show_default=True, help="tool, none, always:EFFECT, random or oracle.")
 @click.option("--keep", is_flag=True, help="Keep the cases and all that was written on them.")
-@click.option("-o", "--output", type=_FOLDER, required=True, help="Empty folder for the run and its score card.")
-def prove(
-    suites: tuple[str, ...], seed: int | None, cases: int | None, jobs: int, answerer: str, keep: bool, output: Path
-) -> None:
+@click.option("-o", "--output", type=_FOLDER, help="Empty folder for the run and its score card.")
+@click.option("--again", type=_FOLDER, metavar="DIR", help="Check the seal of a finished run and score it again.")
+def prove(again: Path | None, **given: Any) -> None:
     """Prove `bhm explain` on concealed cases: sealed answers, verdicts without sight of them, a score card.
 
-    The exit status is 0 when every target is met, 1 when not. Runs from a source tree: the cases come from sim/.
+    The exit status is 0 when every target is met, 1 when not. The cases come from sim/.
     """
-    from bhm_service.commands.prove import prove_it
-    from sim.proof.run import Request
+    from bhm_service.commands.prove import prove_it, score_again
 
-    request = Request(suites=suites, seed=seed, cases=cases, jobs=jobs, answerer=answerer, output=output, keep=keep)
-    sys.exit(prove_it(request))
-
-
-_SHARE = click.FloatRange(0.0, 0.9)
-
-
-@cli.command()
-@click.option("--link", "links", multiple=True, metavar="URL", help="udpout:, udpin:, tcpin:, tcp:HOST:PORT, or "
-              "serial:PATH:BAUD, a pseudo terminal under that name. [udpout:127.0.0.1:14550]")  # fmt: skip
-@click.option("--autopilot", type=click.Choice(["ardupilot", "px4"]), default="ardupilot", show_default=True)
-@click.option("--system", type=click.IntRange(1, 255), default=1, show_default=True, help="MAVLink system id.")
-@click.option("--cells", type=click.IntRange(1, 14), default=4, show_default=True, help="In series.")
-@click.option("--capacity", type=click.FloatRange(0.1, 500.0), default=5.0, show_default=True, help="[Ah]")
-@click.option("--charge", type=click.FloatRange(0.05, 1.0), default=0.97, show_default=True, help="At the start.")
-@click.option("--batteries", type=click.IntRange(1, 2), default=1, show_default=True, help="Two share the load.")
-@click.option("--truth", type=click.Choice(["own", "pybamm"]), default="own", show_default=True, help="The battery.")
-@click.option("--power", type=click.FloatRange(10.0, 20000.0), default=240.0, show_default=True, help="Hover [W].")
-@click.option("--flight", type=click.FloatRange(30.0, 7200.0), default=780.0, show_default=True, help="In the air [s].")
-@click.option("--wind", type=click.FloatRange(0.0, 25.0), default=0.0, show_default=True, help="From the west [m/s].")
-@click.option("--gusts", type=click.FloatRange(0.0, 10.0), default=0.0, show_default=True, help="One sigma [m/s].")
-@click.option("--speed", type=click.FloatRange(0.1, 100.0), default=1.0, show_default=True, help="Seconds a second.")
-@click.option("--seed", type=click.IntRange(0), default=1, show_default=True)
-@click.option("--loss", type=_SHARE, default=0.0, help="Share of frames lost.")
-@click.option("--double", type=_SHARE, default=0.0, help="Share of frames sent twice.")
-@click.option("--overtake", type=_SHARE, default=0.0, help="Share of frames that come late.")
-@click.option("--garbage", type=_SHARE, default=0.0, help="Share of frames damaged or after noise.")
-@click.option("--silence", multiple=True, metavar="BEGIN:SECONDS", help="Nothing is sent; may be given several times.")
-@click.option("--reboot", type=float, multiple=True, metavar="SECOND", help="The autopilot boots; several times.")
-@click.option("--signing-key", type=_FILE, help="The autopilot signs, and believes only what is signed.")
-@click.option("--tlog", type=_FILE, help="Write a telemetry log instead of flying.")
-@click.option("--quiet", is_flag=True, help="No words.")
-def sim(**given: Any) -> None:
-    """Fly a simulated multirotor that speaks MAVLink as ArduPilot or PX4 does.
-
-    Its battery shares nothing with the models of the service. Ctrl-C ends the flight.
-    """
-    from sim.command import Options, simulate
-
-    sys.exit(simulate(Options(**given)))
+    if again is not None:
+        sys.exit(score_again(again))
+    for name in ("suites", "output"):
+        if not given[name]:
+            raise click.UsageError(f"--{name.removesuffix('s')} is needed")
+    sys.exit(prove_it(**given))
 
 
 @cli.command()

@@ -14,8 +14,11 @@ from sim.proof.terminal import show
 _WIDTH = 100
 
 
-def prove_it(request: Request) -> int:
+def prove_it(
+    suites: tuple[str, ...], seed: int | None, cases: int | None, jobs: int, answerer: str, keep: bool, output: Path
+) -> int:
     """Run and score; the exit status is 0 when every target is met, else 1."""
+    request = Request(suites=suites, seed=seed, cases=cases, jobs=jobs, answerer=answerer, keep=keep, output=output)
     out, err = Console(width=_WIDTH, highlight=False), Console(stderr=True, width=_WIDTH, highlight=False)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=err) as bar:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Lock
@@ -33,8 +33,17 @@ class Answerer(Protocol):
         """Whether it is handed the answer: only the oracle is."""
         ...
 
+    @property
+    def can_be_told(self) -> bool:
+        """Whether `told` is worth a call."""
+        ...
+
     def answer(self, case: Case, out: Path, answer: Answer | None) -> dict[str, Any]:
         """What comes back for a case. ``answer`` is there for an oracle only."""
+        ...
+
+    def told(self, case: Case, out: Path, effects: Sequence[str]) -> float | None:
+        """Held-out RMSE [V] of its own fitter when it is told the effects; None where it cannot be told."""
         ...
 
 
@@ -44,6 +53,7 @@ class StandIn:
 
     name: str
     confinement: Confinement
+    can_be_told: bool = False
 
     @property
     def needs_answer(self) -> bool:
@@ -59,6 +69,9 @@ class StandIn:
         told.unlink(missing_ok=True)
         return _collected(case, out, ran)
 
+    def told(self, case: Case, out: Path, effects: Sequence[str]) -> float | None:
+        return None
+
 
 @dataclass(slots=True)
 class Tool:
@@ -67,6 +80,7 @@ class Tool:
     batteries: Path
     confinement: Confinement
     needs_answer: bool = False
+    can_be_told: bool = False
     _locks: dict[str, Lock] = field(default_factory=dict)
     _lock: Lock = field(default_factory=Lock)
 
@@ -76,13 +90,26 @@ class Tool:
             battery, failure = self._identified(case)
         if failure:
             return {"case": case.name, "failure": failure}
+        ran = self.confinement.run(self._explain(case, battery, out), out, _LONGEST_S, _environment())
+        return {**_collected(case, out, ran), "battery": str(battery.resolve())}
+
+    def told(self, case: Case, out: Path, effects: Sequence[str]) -> float | None:
+        battery = case.battery or self._identified(case)[0]
+        command = [*self._explain(case, battery, out), "--told", "+".join(effects)]
+        self.confinement.run(command, out, _LONGEST_S, _environment())
+        try:
+            found = json.loads((out / "findings.json").read_text())["fit"]["heldout_after_V"]
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+        return float(found) if isinstance(found, int | float) else None
+
+    def _explain(self, case: Case, battery: Path, out: Path) -> list[str]:
         command = [*_bhm("explain"), *map(str, case.flights), "--battery", str(battery), "-o", str(out)]
         if case.vehicle is not None:
             command += ["--vehicle", str(case.vehicle)]
         if case.sidecar is not None:
             command += ["--sidecar", str(case.sidecar)]
-        ran = self.confinement.run(command, out, _LONGEST_S, _environment())
-        return {**_collected(case, out, ran), "battery": str(battery.resolve())}
+        return command
 
     def _identified(self, case: Case) -> tuple[Path, str]:
         """The battery of a case's lab recordings, and why there is none."""
@@ -106,7 +133,12 @@ def answerer(name: str, folder: Path, confinement: Confinement) -> Tool | StandI
     if name == "tool":
         batteries = folder / "batteries"
         batteries.mkdir(parents=True, exist_ok=True)
-        return Tool(batteries, confinement)
+        options = confinement.run([*_bhm("explain"), "--help"], batteries, _LONGEST_S, _environment()).said
+        if "--battery" not in options:
+            raise BadInputError(
+                "--answerer tool", "there is no bhm explain here", "stand-ins: none, random, oracle ..."
+            )
+        return Tool(batteries, confinement, can_be_told="--told" in options)
     known = name in ("none", "random", "oracle") or (who == "always" and what in EFFECTS)
     known = known or (who == "random" and what.isdigit())
     if not known:
@@ -129,12 +161,17 @@ def _collected(case: Case, out: Path, ran: Ran) -> dict[str, Any]:
     found: dict[str, Any] = {"case": case.name, "seconds": round(ran.seconds, 3), "peak_mib": round(ran.peak_mib, 1)}
     path = out / "findings.json"
     if not path.is_file():
-        return {**found, "failure": _why(ran), "refused": ran.status == _REFUSED}
+        return {**found, "failure": _why(ran), "refused": _refused(ran)}
     try:
         findings = json.loads(path.read_text())
         return {**found, "findings": findings, "inferred": inferred_series(findings, out)}
     except ValueError as why:
         return {**found, "failure": f"findings.json: {why}"}
+
+
+def _refused(ran: Ran) -> bool:
+    """Whether it said in its own sentence that the input cannot be used; a wrong option also ends with status 2."""
+    return ran.status == _REFUSED and "bhm: " in ran.said and "Usage: " not in ran.said
 
 
 def _why(ran: Ran) -> str:

@@ -13,7 +13,7 @@ from plotly.offline import get_plotlyjs
 
 from sim.proof.figures import figures
 from sim.proof.run import Proof
-from sim.proof.scoring.names import INDISTINGUISHABLE
+from sim.proof.scoring.names import CLASSES, INDISTINGUISHABLE
 from sim.proof.words import ABOUT, HEADER, circumstances, line, measure, outcome, shown
 
 
@@ -61,7 +61,6 @@ def _page(proof: Proof) -> str:
             "lines": [line(row) for row in shown(score)],
             "notes": [f"{row.name}: {row.note}" for row in score.rows if row.note],
             "never_shown": score.never_shown,
-            "twins": sorted({j.label for j in score.judgements if " | " in j.label}),
             "figures": figures(score, proof.answers[score.suite], inferred),
             "criteria": [
                 (j.group or j.case, *_criterion(asked))
@@ -79,6 +78,7 @@ def _page(proof: Proof) -> str:
         about=proof.about,
         suites=suites,
         header=HEADER,
+        classes=[" / ".join(members) for members in CLASSES],
         indistinguishable=INDISTINGUISHABLE,
         plotly_js=get_plotlyjs(),
     )

@@ -109,7 +109,7 @@ def answer_of(truth: Truth, held: int, starts_s: Mapping[str, float]) -> Answer:
             Moment(truth.flights[k].file, at_s) for k, at_s in truth.change_points if k != held and at_s > 0.0
         ),
         samples={flight.file: _samples(truth, flight) for flight in shown} if truth.effects else {},
-        hidden={flight.file: _core(flight) for flight in shown} if hides_temperature else {},
+        hidden={flight.file: _core(flight) for flight in shown} if hides_temperature and truth.effects else {},
         starts_s={flight.file: starts_s[flight.file] for flight in shown},
         permitted=frozenset(truth.permitted),
         held={empty.file: float(np.nanmin([empty.empty_soc_s, empty.empty_voltage_s]))},

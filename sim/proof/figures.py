@@ -118,8 +118,8 @@ def residuals(judged: Sequence[Judgement]) -> Figure | None:
             x=[low, high], y=[factor * low, factor * high], mode="lines", name=words,
             line={"color": _QUIET, "width": 1, "dash": "solid" if factor == 1.0 else "dot"},
         )  # fmt: skip
-    figure.update_xaxes(title_text="held-out RMSE before [mV]", type="log")
-    figure.update_yaxes(title_text="held-out RMSE after [mV]", type="log")
+    figure.update_xaxes(title_text="held-out RMSE before [mV]", type="log", dtick="D2")
+    figure.update_yaxes(title_text="held-out RMSE after [mV]", type="log", dtick="D2")
     return _laid_out(figure, 420)
 
 

@@ -25,11 +25,13 @@ from sim.proof.flying_time import flying_times
 from sim.proof.scoring.answers import Answer
 from sim.proof.scoring.findings import outcome_from_json
 from sim.proof.scoring.judge import judge
+from sim.proof.scoring.names import EFFECTS
 from sim.proof.scoring.score import SuiteScore, score
 from sim.proof.sealing import opened, seal, write_opened, write_sealed
 from sim.proof.suites import SHARED, checked_seed, exam_seed, suite
 
 OUTCOMES, ENDED = "outcomes.json", "ended.json"
+_MOST_TOLD = 40  # cases of a suite that are fitted again with their effects told
 _MOST_FLOWN_ON = 40  # cases of a suite whose flying time is examined: each is four replays of a flight
 _ROOT = Path(__file__).resolve().parents[2]
 _ENTROPY_BITS = 48
@@ -97,12 +99,13 @@ def prove(request: Request, said: Callable[[str], None], progress: Progress) -> 
     (folder / OUTCOMES).write_text(json.dumps(outcomes) + "\n")
     write_opened(folder, sealed)
     times = _flown_on(answers, outcomes, folder, request.jobs, progress)
+    best = _told(answers, outcomes, who, folder, request.jobs, progress)
     seconds = round((datetime.now(UTC) - begin).total_seconds(), 1)
-    (folder / ENDED).write_text(json.dumps({"seconds": seconds, "rft_error_s": times}) + "\n")
+    (folder / ENDED).write_text(json.dumps({"seconds": seconds, "rft_error_s": times, "oracle_heldout_v": best}) + "\n")
     proof = scored(folder)
     said(f"opened: the hash is the one that was sealed; seed {proof.about['seed']}")
     if not request.keep:
-        for name in ("cases", "verdicts", "held", "batteries"):
+        for name in ("cases", "verdicts", "held", "told", "batteries"):
             shutil.rmtree(folder / name, ignore_errors=True)
     return proof
 
@@ -119,8 +122,8 @@ def scored(folder: Path) -> Proof:
         ended = json.loads((folder / ENDED).read_text())
     except FileNotFoundError as why:
         raise BadInputError(str(folder), f"holds no finished run: {Path(why.filename).name} is missing") from None
-    times = ended["rft_error_s"]
-    read = [outcome_from_json(o | {"rft_error_s": times.get(o["case"])}) for o in outcomes]
+    after = ("rft_error_s", "oracle_heldout_v")
+    read = [outcome_from_json(o | {name: ended[name].get(o["case"]) for name in after}) for o in outcomes]
     scores = tuple(score(name, of, read) for name, of in answers.items())
     return Proof(about | {"seed": seed, "seconds": ended["seconds"]}, answers, outcomes, scores)
 
@@ -190,6 +193,41 @@ def _flown_on(
     if not asked:
         return {}
     return flying_times(asked, folder / "held", jobs, lambda done, of: progress("flying on", done, of))
+
+
+def _told(
+    answers: dict[str, list[Answer]],
+    outcomes: list[dict[str, Any]],
+    who: Answerer,
+    folder: Path,
+    jobs: int,
+    progress: Progress,
+) -> dict[str, float]:
+    """Held-out errors of the same fitter when it is told the effects, for the first cases of every suite that has any.
+
+    The answers are open by now; what it is told cannot change a verdict.
+    """
+    came_back = {o["case"] for o in outcomes if o.get("findings") is not None}
+    asked = []
+    for of in answers.values():
+        known = [a for a in of if a.truth and a.truth <= set(EFFECTS) and a.case in came_back]
+        asked += known[:_MOST_TOLD]
+
+    def one(answer: Answer) -> tuple[str, float | None]:
+        out = folder / "told" / answer.case
+        out.mkdir(parents=True)
+        return answer.case, who.told(Case(folder / "cases" / answer.case), out, sorted(answer.truth))
+
+    if not asked or not who.can_be_told:
+        return {}
+    found: dict[str, float] = {}
+    progress("telling the effects", 0, len(asked))
+    with ThreadPoolExecutor(jobs) as pool:
+        for done, (case, volts) in enumerate(pool.map(one, asked), start=1):
+            if volts is not None:
+                found[case] = volts
+            progress("telling the effects", done, len(asked))
+    return found
 
 
 def _battery(folder: Path, outcome: dict[str, Any], when: str) -> Path | None:

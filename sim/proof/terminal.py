@@ -7,9 +7,19 @@ from rich.markup import escape
 from rich.table import Table
 
 from sim.proof.run import Proof
+from sim.proof.scoring.score import SuiteScore
 from sim.proof.words import ABOUT, HEADER, circumstances, line, outcome, shown
 
 _STYLES = {"met": "green", "MISSED": "bold red", "open": "yellow"}
+
+
+def _failures(score: SuiteScore) -> dict[str, list[str]]:
+    """Cases by the reason why nothing came of them."""
+    found: dict[str, list[str]] = {}
+    for judged in score.judgements:
+        if judged.failure:
+            found.setdefault(judged.failure, []).append(judged.case)
+    return found
 
 
 def show(console: Console, proof: Proof) -> None:
@@ -24,7 +34,6 @@ def show(console: Console, proof: Proof) -> None:
             cells = line(row)
             table.add_row(*map(escape, cells), style=_STYLES.get(cells[-1], ""))
         console.print(table)
-        for judged in score.judgements:
-            if judged.failure:
-                console.print(f"  {judged.case}: {judged.failure}"[:300], style="red", markup=False)
+        for why, cases in _failures(score).items():
+            console.print(f"  {cases[0]} and {len(cases) - 1} more: {why}"[:300], style="red", markup=False)
     console.print(f"\n{circumstances(proof.about)}", style="dim", markup=False)

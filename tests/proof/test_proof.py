@@ -7,14 +7,19 @@ import re
 import sys
 
 import pytest
+from click.testing import CliRunner
 
+from bhm_service.cli import cli
 from bhm_service.errors import BadInputError
-from sim.proof.answerers import answerer
+from sim.proof.answerers import StandIn, answerer
 from sim.proof.card import write_card
-from sim.proof.confine import confinement
+from sim.proof.cases import Case
+from sim.proof.confine import Ran, confinement
 from sim.proof.readme import BEGIN, END, write
 from sim.proof.run import Request, all_met, prove, scored
 from sim.proof.scoring.answers import Answer
+from sim.proof.scoring.findings import outcome_from_json
+from sim.proof.scoring.judge import judge
 from sim.proof.sealing import OPENED, seal
 from sim.proof.suites import SHARED, checked_seed, exam_seed
 
@@ -143,3 +148,39 @@ def test_an_answerer_or_suite_that_is_not_known_is_named(tmp_path):
         answerer("always:gremlins", tmp_path, confinement([SHARED]))
     with pytest.raises(BadInputError, match=r"known are .*shared, real"):
         prove(Request(suites=("nowhere",), seed=1, output=tmp_path / "o"), lambda _: None, lambda *_: None)
+
+
+class Printing:
+    """A confinement that runs nothing: its program has already said this and ended so."""
+
+    def __init__(self, status: int, said: str) -> None:
+        self.ran = Ran(status, said, 1.0, 50.0)
+
+    def run(self, program, folder, longest_s, env):
+        return self.ran
+
+
+@pytest.mark.parametrize(
+    ("status", "said", "refused"),
+    [
+        (2, "bhm: 03.csv: is of a pack of 4 cells, the others are of 6", True),
+        (2, "Usage: bhm explain [OPTIONS]\nError: No such option", False),
+        (1, "Traceback", False),
+    ],
+)
+def test_only_a_sentence_about_the_input_is_a_refusal(proven, tmp_path, status, said, refused):
+    folder, proof, _ = proven("none")
+    name = proof.answers["shared"][0].case
+    outcome = StandIn("none", Printing(status, said)).answer(Case(folder / "cases" / name), tmp_path, None)
+    assert outcome["refused"] is refused
+    assert said.splitlines()[0][:20] in outcome["failure"]
+    control = Answer(case=name, kind="control", accept=(frozenset({"none"}), frozenset({"unknown"})), may_refuse=True)
+    assert judge(control, outcome_from_json(outcome)).accepted is refused
+
+
+def test_a_finished_run_can_be_scored_again_from_the_command_line(proven):
+    folder, _, _ = proven("random:1")
+    again = CliRunner().invoke(cli, ["prove", "--again", str(folder)])
+    assert again.exit_code == 1
+    assert "NOT PROVEN" in again.output
+    assert max(map(len, again.output.splitlines())) <= 100

@@ -244,3 +244,30 @@ def test_an_answer_survives_being_written():
         criteria=(Criterion("heldout_ratio", at_most=0.5),),
     )  # fmt: skip
     assert answer_from_json(answer_to_json(hidden)) == hidden
+
+
+def test_coverage_counts_every_interval_that_was_given_and_needs_twenty():
+    hidden = {"capacity-fade": {"fade": Quantity(0.10, "1")}}
+    answers = [answer("capacity-fade", case=f"{k}", parameters=hidden) for k in range(40)]
+
+    def found(k, sd):
+        fade = {"value": 0.115 if k % 2 else 0.09, "sd": sd, "unit": "1"}
+        return said("named", {"id": "capacity-fade", "parameters": {"fade": fade}}, case=f"{k}")
+
+    wide = score("exam", answers, [found(k, 0.01 if k < 36 else 0.001) for k in range(40)])
+    assert row(wide, "coverage of 90 % intervals").value == pytest.approx(36 / 40)
+    assert row(wide, "coverage of 90 % intervals").met is True
+    assert (
+        row(score("exam", answers[:19], [found(k, 0.01) for k in range(19)]), "coverage of 90 % intervals").met is None
+    )
+    narrow = score("exam", answers, [found(k, 0.001) for k in range(40)])
+    assert row(narrow, "coverage of 90 % intervals").met is False
+
+
+def test_permitted_names_count_neither_way():
+    hidden = answer("capacity-fade", permitted=frozenset({"climb-power"}))
+    assert judge(hidden, said("named", "climb-power", "capacity-fade")).first_right
+    assert judge(hidden, said("named", "climb-power", "capacity-fade")).extra is False
+    null = answer("none", permitted=frozenset({"climb-power"}))
+    assert not judge(null, said("named", "climb-power")).claims
+    assert judge(null, said("named", "climb-power", "weak-cell")).claims

@@ -6,12 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from sim.proof.scoring.names import NONE, UNKNOWN
+from sim.proof.scoring.names import NONE, OUTSIDE, SEVERAL, UNKNOWN, class_of
 
 Stratum = Literal["null", "single", "several", "unknown"]
 Series = Mapping[str, tuple[float, ...]]
 Names = frozenset[str]
-_MOST_NAMED = 3  # members of a class that its label names
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,10 +97,12 @@ class Answer:
 
     @property
     def label(self) -> str:
-        """Its equivalence class in words: the smallest right answers, so that a companion makes no class of its own."""
-        least = [names for names in self.accept if not any(other < names for other in self.accept)]
-        words = sorted("+".join(sorted(names)) for names in least)
-        return " | ".join(words[:_MOST_NAMED]) + (" | ..." if len(words) > _MOST_NAMED else "")
+        """Its row of the confusion matrix."""
+        if self.stratum == "unknown":
+            return OUTSIDE
+        if self.stratum != "single":
+            return NONE if self.stratum == "null" else SEVERAL
+        return class_of(min(self.truth or self.accept[0]))
 
 
 def answer_from_json(given: Mapping[str, Any]) -> Answer:

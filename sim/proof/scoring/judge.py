@@ -11,7 +11,7 @@ import numpy as np
 from sim.proof.scoring.answers import Answer, Stratum
 from sim.proof.scoring.findings import Findings, Outcome, Region
 from sim.proof.scoring.hidden import compare, since_start, stem
-from sim.proof.scoring.names import UNKNOWN
+from sim.proof.scoring.names import NONE, OUTSIDE, UNKNOWN, class_of
 
 _FOUND_WITHIN_S = 10.0  # a change point is found when it is this near (issue 5)
 _NEAR_ZERO_V = 1e-6
@@ -186,8 +186,8 @@ def _said(answer: Answer, findings: Findings, in_class: frozenset[str]) -> str:
     if findings.chosen in answer.accept or findings.first in in_class:
         return answer.label
     if findings.first is not None:
-        return findings.first
-    return findings.verdict
+        return class_of(findings.first)
+    return OUTSIDE if findings.verdict == UNKNOWN else NONE if findings.verdict == "parameter" else findings.verdict
 
 
 def _extra(answer: Answer, findings: Findings) -> bool:

@@ -15,6 +15,23 @@ DEMAND_EFFECTS = (
 )  # fmt: skip
 EFFECTS = BATTERY_EFFECTS + SENSOR_EFFECTS + DEMAND_EFFECTS
 
+CLASSES = (
+    ("unseen-load", "current-offset"),
+    ("voltage-gain", "voltage-offset"),
+    ("contact-resistance", "resistance-growth"),
+    ("resistance-temperature", "self-heating"),
+    ("payload-mass", "propulsion-efficiency"),
+)
+"""Effects that the confusion matrix counts as one; whether an answer is right, each case's own answer says."""
+
+OUTSIDE, SEVERAL = "out of catalogue", "several effects"
+
+
+def class_of(effect: str) -> str:
+    """The class of an effect in words."""
+    return next((" / ".join(members) for members in CLASSES if effect in members), effect)
+
+
 INDISTINGUISHABLE = (
     ("unseen-load", "current-offset", "the same equation; only a disarmed or unplugged reading separates them"),
     ("voltage-gain", "voltage-offset", "a pack's 21-25 V is too narrow a range (cosine 0.998)"),

@@ -72,7 +72,7 @@ class Bound:
     def words(self, percent: bool) -> str:
         """As people read it."""
         scale, unit = (100.0, " %") if percent else (1.0, "")
-        low, high = f"{scale * self.at_least:.3g}", f"{scale * self.at_most:.3g}"
+        low, high = f"{scale * self.at_least:.4g}", f"{scale * self.at_most:.4g}"
         if math.isinf(self.at_most):
             return f"≥ {low}{unit}"
         return f"≤ {high}{unit}" if math.isinf(self.at_least) else f"{low}-{high}{unit}"
