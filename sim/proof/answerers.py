@@ -158,7 +158,12 @@ def _environment() -> Mapping[str, str]:
 
 
 def _collected(case: Case, out: Path, ran: Ran) -> dict[str, Any]:
-    found: dict[str, Any] = {"case": case.name, "seconds": round(ran.seconds, 3), "peak_mib": round(ran.peak_mib, 1)}
+    found: dict[str, Any] = {
+        "case": case.name,
+        "seconds": round(ran.seconds, 3),
+        "cpu_seconds": round(ran.cpu_seconds, 3),
+        "peak_mib": round(ran.peak_mib, 1),
+    }
     path = out / "findings.json"
     if not path.is_file():
         return {**found, "failure": _why(ran), "refused": _refused(ran)}

@@ -146,7 +146,7 @@ def _samples(truth: Truth, flight: TrueFlight) -> Series:
             if regime.flight == number:
                 affected[(t >= regime.start_s) & (t <= regime.end_s)] = 1.0
     return {
-        "time_since_takeoff_s": tuple((t - flight.takeoff_s).tolist()),
+        "since_takeoff_s": tuple((t - flight.takeoff_s).tolist()),
         "soc": flight.soc,
         "temperature_C": flight.surface_c,
         "affected": tuple(affected.tolist()),

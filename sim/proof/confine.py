@@ -32,6 +32,7 @@ class Ran:
     status: int | None  # None: killed after its time
     said: str  # the last of its output
     seconds: float
+    cpu_seconds: float
     peak_mib: float
 
 
@@ -63,21 +64,22 @@ class Confinement:
                 self.command(program), cwd=folder, stdout=output, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL,
                 env=dict(env), start_new_session=True,
             )  # fmt: skip
-            status, usage = _wait(process.pid, longest_s)
+            status, cpu, peak = _wait(process.pid, longest_s)
             process.returncode = status if status is not None else -int(signal.SIGKILL)
             output.seek(max(0, output.seek(0, os.SEEK_END) - 4000))
             said = output.read().decode(errors="replace")
-        return Ran(status, said, time.monotonic() - begin, usage)
+        return Ran(status, said, time.monotonic() - begin, cpu, peak)
 
 
-def _wait(pid: int, longest_s: float) -> tuple[int | None, float]:
-    """Exit status and largest resident memory [MiB] of a process and what it waited for."""
+def _wait(pid: int, longest_s: float) -> tuple[int | None, float, float]:
+    """Exit status, processor time [s] and largest resident memory [MiB] of a process and what it waited for."""
     end = time.monotonic() + longest_s
     killed = False
     while True:
         done, status, usage = os.wait4(pid, os.WNOHANG)
         if done:
-            return None if killed else os.waitstatus_to_exitcode(status), usage.ru_maxrss / 1024.0
+            ended = None if killed else os.waitstatus_to_exitcode(status)
+            return ended, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024.0
         if time.monotonic() > end and not killed:
             killed = True
             with contextlib.suppress(ProcessLookupError):

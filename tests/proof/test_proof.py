@@ -154,7 +154,7 @@ class Printing:
     """A confinement that runs nothing: its program has already said this and ended so."""
 
     def __init__(self, status: int, said: str) -> None:
-        self.ran = Ran(status, said, 1.0, 50.0)
+        self.ran = Ran(status, said, 1.0, 1.0, 50.0)
 
     def run(self, program, folder, longest_s, env):
         return self.ran

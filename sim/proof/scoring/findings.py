@@ -101,6 +101,7 @@ class Outcome:
     refused: bool = False
     inferred: Mapping[str, Series] = field(default_factory=dict)
     seconds: float | None = None
+    cpu_seconds: float | None = None
     peak_mib: float | None = None
     oracle_heldout_v: float | None = None
     rft_error_s: tuple[float, float] | None = None
@@ -151,6 +152,7 @@ def outcome_from_json(given: Mapping[str, Any]) -> Outcome:
         refused=bool(given.get("refused", False)),
         inferred={f: {k: tuple(map(float, v)) for k, v in of.items()} for f, of in given.get("inferred", {}).items()},
         seconds=given.get("seconds"),
+        cpu_seconds=given.get("cpu_seconds"),
         peak_mib=given.get("peak_mib"),
         oracle_heldout_v=given.get("oracle_heldout_v"),
         rft_error_s=None if given.get("rft_error_s") is None else tuple(given["rft_error_s"]),

@@ -74,6 +74,7 @@ class Judgement:
     missing: tuple[str, ...] = ()
     criteria: tuple[tuple[str, str, float | None, bool], ...] = ()  # measure, bound, value, met
     seconds: float | None = None
+    cpu_seconds: float | None = None
     peak_mib: float | None = None
     failure: str = ""
 
@@ -132,6 +133,7 @@ def judge(answer: Answer, outcome: Outcome) -> Judgement:
             for c in answer.criteria
         ),
         seconds=outcome.seconds,
+        cpu_seconds=outcome.cpu_seconds,
         peak_mib=outcome.peak_mib,
     )
 
@@ -176,6 +178,7 @@ def _failed(answer: Answer, outcome: Outcome) -> Judgement:
         measures={"accepted": float(right)},
         criteria=tuple((c.measure, c.words(), None, right) for c in answer.criteria),
         seconds=outcome.seconds,
+        cpu_seconds=outcome.cpu_seconds,
         peak_mib=outcome.peak_mib,
         failure="" if right else outcome.failure or "no findings.json",
     )

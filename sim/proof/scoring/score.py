@@ -170,6 +170,7 @@ def _rows(judged: Sequence[Judgement]) -> list[Row]:
         _measured("change points found within 10 s", judged, "change_points_found", _mean),
         _number("time a case, median [s]", [j.seconds for j in judged if j.seconds is not None]),
         _number("time a case, longest [s]", [j.seconds for j in judged if j.seconds is not None], max),
+        _number("processor time a case, median [s]", [j.cpu_seconds for j in judged if j.cpu_seconds is not None]),
         _number("peak memory [MiB]", [j.peak_mib for j in judged if j.peak_mib is not None], max),
         _share("no answer at all", rate(bool(j.failure) for j in judged)),
     ]
