@@ -195,6 +195,44 @@ def explain(**given: Any) -> None:
     sys.exit(explain_logs(Task(**given)))
 
 
+_SHARE = click.FloatRange(0.0, 0.9)
+
+
+@cli.command()
+@click.option("--link", "links", multiple=True, metavar="URL", help="udpout:, udpin:, tcpin:, tcp:HOST:PORT, or "
+              "serial:PATH:BAUD, a pseudo terminal under that name. [udpout:127.0.0.1:14550]")  # fmt: skip
+@click.option("--autopilot", type=click.Choice(["ardupilot", "px4"]), default="ardupilot", show_default=True)
+@click.option("--system", type=click.IntRange(1, 255), default=1, show_default=True, help="MAVLink system id.")
+@click.option("--cells", type=click.IntRange(1, 14), default=4, show_default=True, help="In series.")
+@click.option("--capacity", type=click.FloatRange(0.1, 500.0), default=5.0, show_default=True, help="[Ah]")
+@click.option("--charge", type=click.FloatRange(0.05, 1.0), default=0.97, show_default=True, help="At the start.")
+@click.option("--batteries", type=click.IntRange(1, 2), default=1, show_default=True, help="Two share the load.")
+@click.option("--truth", type=click.Choice(["own", "pybamm"]), default="own", show_default=True, help="The battery.")
+@click.option("--power", type=click.FloatRange(10.0, 20000.0), default=240.0, show_default=True, help="Hover [W].")
+@click.option("--flight", type=click.FloatRange(30.0, 7200.0), default=780.0, show_default=True, help="In the air [s].")
+@click.option("--wind", type=click.FloatRange(0.0, 25.0), default=0.0, show_default=True, help="From the west [m/s].")
+@click.option("--gusts", type=click.FloatRange(0.0, 10.0), default=0.0, show_default=True, help="One sigma [m/s].")
+@click.option("--speed", type=click.FloatRange(0.1, 100.0), default=1.0, show_default=True, help="Seconds a second.")
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True)
+@click.option("--loss", type=_SHARE, default=0.0, help="Share of frames lost.")
+@click.option("--double", type=_SHARE, default=0.0, help="Share of frames sent twice.")
+@click.option("--overtake", type=_SHARE, default=0.0, help="Share of frames that come late.")
+@click.option("--garbage", type=_SHARE, default=0.0, help="Share of frames damaged or after noise.")
+@click.option("--silence", multiple=True, metavar="BEGIN:SECONDS", help="Nothing is sent; may be given several times.")
+@click.option("--reboot", type=float, multiple=True, metavar="SECOND", help="The autopilot boots; several times.")
+@click.option("--signing-key", type=_FILE, help="The autopilot signs, and believes only what is signed.")
+@click.option("--tlog", type=_FILE, help="Write a telemetry log instead of flying.")
+@click.option("--quiet", is_flag=True, help="No words.")
+def sim(**given: Any) -> None:
+    """Fly a simulated multirotor that speaks MAVLink as ArduPilot or PX4 does.
+
+    Its battery shares nothing with the models of the service. Ctrl-C ends the flight.
+    """
+    from sim.command import Options, simulate
+
+    sys.exit(simulate(Options(**given)))
+
+
 def main() -> None:
     """Entry point: bad input ends with one clear message and status 2."""
     # Our matrices are small: BLAS threads fight over the cores (a fit took three times as long on two).
