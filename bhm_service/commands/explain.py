@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,14 +14,16 @@ from bhm_service.battery.battery_file import ModelName, read_battery, write_batt
 from bhm_service.config import read_vehicle
 from bhm_service.discrepancy.explain import Request, explain
 from bhm_service.discrepancy.explanation import Explanation
-from bhm_service.discrepancy.findings import Findings, write_findings
+from bhm_service.discrepancy.findings import write_findings
 from bhm_service.discrepancy.flights import read_flights
 from bhm_service.discrepancy.lab import lab_of
 from bhm_service.discrepancy.sidecar import read_sidecar
 from bhm_service.errors import BadInputError
+from bhm_service.reporting.explained import explained_lines, explained_page
 from bhm_service.units import SECONDS_PER_HOUR
 
 _WIDTH = 100
+_PAGE = "report.html"
 _STEPS = 9  # that the search announces, about
 
 
@@ -73,11 +74,13 @@ def explain_logs(task: Task) -> int:
             ),
             progress,
         )
-    findings = _write(task, found)
+    found = _written(task, found)
     if task.as_json:
-        out.print_json(json.dumps(findings.model_dump(mode="json")))
+        out.print_json(json.dumps(found.findings.model_dump(mode="json")))
     else:
-        _say(out, found, findings, task.output)
+        for line in explained_lines(found):
+            out.print(line)
+        out.print(f"written: findings.json and {_PAGE} in {task.output}", markup=False, soft_wrap=True)
     return 0
 
 
@@ -88,7 +91,8 @@ def _make(folder: Path) -> None:
         raise BadInputError(str(folder), f"cannot be made: {why.strerror}") from why
 
 
-def _write(task: Task, found: Explanation) -> Findings:
+def _written(task: Task, found: Explanation) -> Explanation:
+    """Writes everything; the same explanation, which now knows its battery file."""
     findings = found.findings
     if found.repaired is not None:
         name = "battery.toml"
@@ -98,7 +102,9 @@ def _write(task: Task, found: Explanation) -> Findings:
         if course.hidden:
             _write_hidden(task.output / "hidden" / f"{course.flight.label}.csv", course.flight.time_s, course.hidden)
     write_findings(task.output / "findings.json", findings)
-    return findings
+    found = replace(found, findings=findings)
+    (task.output / _PAGE).write_text(explained_page(found), encoding="utf-8")
+    return found
 
 
 def _write_hidden(path: Path, time_s: np.ndarray, hidden: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
@@ -111,17 +117,3 @@ def _write_hidden(path: Path, time_s: np.ndarray, hidden: dict[str, tuple[np.nda
 
 def _column(state: str) -> str:
     return f"{state}_K" if state == "temperature" else state
-
-
-def _say(out: Console, found: Explanation, findings: Findings, folder: Path) -> None:
-    names: Sequence[str] = [e.id for e in findings.effects]
-    out.print(f"{findings.verdict}: {', '.join(names) or '-'}")
-    for rival in findings.alternatives:
-        out.print(f"  or {' + '.join(rival)}")
-    fit = findings.fit
-    out.print(f"  error of voltage: {1e3 * fit.rmse_before_V:.0f} mV before, {1e3 * fit.rmse_after_V:.0f} mV after")
-    for line in findings.advice:
-        out.print(f"  {line}")
-    out.print(f"  {folder / 'findings.json'}")
-    for left in found.left_out:
-        out.print(f"  left out {left.label}: {left.because}")

@@ -15,7 +15,7 @@ from bhm_service.discrepancy.explanation import Contest
 from bhm_service.discrepancy.fitting import fit
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.joint import Joint
-from bhm_service.discrepancy.search import NATS, Names, Search
+from bhm_service.discrepancy.search import NEAR, Names, Search
 from bhm_service.units import REFERENCE_TEMPERATURE_K, Array
 
 _WARMING_K = 15.0  # by which a phantom pack warms up along a flight
@@ -39,7 +39,7 @@ def contests(found: Search, names: Names, rng: np.random.Generator) -> list[Cont
         plain = tuple(c.alone() if c.inferred else c for c in members)
         rival = fit(Joint(found.base.lab, given, plain, found.base.start_sd), found.noise)
         nats = true.evidence(by) - rival.evidence(by)
-        results.append(Contest(name, float(nats), bool(nats > NATS)))
+        results.append(Contest(name, float(nats), bool(nats > NEAR)))
     return results
 
 

@@ -8,8 +8,8 @@ no such terms an effect absorbs every error of the model, with wide ones nothing
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -28,10 +28,12 @@ DROP_SOC = np.array([0.1, 0.3, 0.55, 0.8, 1.0])
 DROP_S = (0.0, 2.0, 8.0, 30.0, 120.0, 480.0)  # at once, then each relaxation a factor of four apart
 _HOVER_C = 2.0  # [1/h] load at which what a model is off by is weighed against its voltage error
 
-_LEAST_SD = {"resistance": 0.03, "polarisation": 0.08, "capacity": 0.01}  # of the logarithm: what a lab repeats to
+_LEAST_SD = {"resistance": 0.03, "polarisation": 0.15, "capacity": 0.01}  # of the logarithm: what a lab repeats to
 _BEND_SD = (0.003, 0.010)  # [V] a cell's open-circuit curve is known to, at best and at worst
 _DROP_SD = (0.05, 0.12)  # of the resistance, at each state of charge and relaxation, likewise
+_FAST = {2.0: 3.0, 8.0: 2.0}  # times that: recordings once a second hardly tell one fast relaxation from another
 _LEVEL_SD = 0.05  # of the resistance at each charge, at once and within a minute: the lab's own load pins it down
+_LEVEL_ENDS = 3.0  # times that near full and near empty, where the lab's load is short
 _LEVEL_S = 60.0  # what comes later the lab cannot tell from the open-circuit curve
 _MOST_WIDER = 3.0  # times that, where the flights show that a model follows its own pack less well
 _REACH = 8.0  # standard deviations within which a nuisance may be fitted
@@ -55,6 +57,7 @@ class Lab:
     voltage_error_v: float  # lasting error of the cell's voltage
     identified: bool  # this very pack, not a cell like its own
     drop_sd: float  # of ``ohm``: how far the drop may be off at any charge and any time after a step
+    widening: Mapping[float, float] = field(default_factory=dict)  # times that, by relaxation
 
     @property
     def capacity_c(self) -> float:
@@ -63,11 +66,17 @@ class Lab:
 
     def widened(self, pulls: Callable[[str], Array]) -> Lab:
         """The same with its shapes as uncertain as a fit found them to be, never less; ``pulls`` by block, in sd."""
-        drops = np.concatenate([pulls(b.name) for b in self.additions() if b.name.startswith("lab_drop")])
-        bend, drop = (
-            float(np.clip(np.sqrt(np.mean(found**2)), 1.0, _MOST_WIDER)) for found in (pulls("lab_bends"), drops)
-        )
-        return replace(self, bend_sd_v=bend * self.bend_sd_v, drop_sd=drop * self.drop_sd)
+
+        def wider(name: str) -> float:
+            return float(np.clip(np.sqrt(np.mean(pulls(name) ** 2)), 1.0, _MOST_WIDER))
+
+        found = {tau: wider(f"lab_drop_{tau:.0f}") * self.widening.get(tau, 1.0) for tau in DROP_S}
+        return replace(self, bend_sd_v=wider("lab_bends") * self.bend_sd_v, widening=found)
+
+    @property
+    def drop_sds(self) -> dict[float, float]:
+        """Standard deviation of the drop at each relaxation, of ``ohm``."""
+        return {tau: self.drop_sd * _FAST.get(tau, 1.0) * self.widening.get(tau, 1.0) for tau in DROP_S}
 
     def blocks(self) -> list[Block]:
         """The unknowns that every hypothesis has and that move the cell itself."""
@@ -81,8 +90,8 @@ class Lab:
         """The unknowns that every hypothesis has and that only add to the voltage."""
         return [
             _near("lab_bends", BEND_SOC.size, self.bend_sd_v),
-            *(_near(f"lab_drop_{tau:.0f}", DROP_SOC.size, self.drop_sd) for tau in DROP_S),
-            _near("lab_curve", 2, self.drop_sd),
+            *(_near(f"lab_drop_{tau:.0f}", DROP_SOC.size, self.drop_sds[tau]) for tau in DROP_S),
+            _near("lab_curve", 2, 2.0 * self.drop_sd),
         ]
 
     def ties(self, unknowns: Unknowns) -> Array:
@@ -96,9 +105,10 @@ class Lab:
         for tau in (t for t in DROP_S if t < _LEVEL_S):
             first = unknowns.slice_of(f"lab_drop_{tau:.0f}").start
             for knot in range(DROP_SOC.size):
-                rows[0 if tau == 0.0 else 1 :, knot, first + knot] = self.drop_sd
-        flat = rows.reshape(-1, unknowns.start.size)
-        return np.asarray(flat / (_LEVEL_SD if self.identified else self.resistance_sd))
+                rows[0 if tau == 0.0 else 1 :, knot, first + knot] = self.drop_sds[tau]
+        known = _LEVEL_SD if self.identified else self.resistance_sd
+        sds = np.where((DROP_SOC > 0.2) & (DROP_SOC < 0.9), known, _LEVEL_ENDS * known)
+        return np.asarray((rows / sds[:, None]).reshape(-1, unknowns.start.size))
 
     def followed(self, time_s: Array, current: Array) -> Array:
         """The current through a cell [A] as each relaxation follows it, along a flight; (relaxations, T)."""

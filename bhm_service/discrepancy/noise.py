@@ -26,6 +26,7 @@ class Noise:
     phi: float
     theta: float
     sigma_v: float
+    doubt: float = 1.0  # times the variance that an innovation is given beside what noise gives it
 
     @property
     def total_v(self) -> float:
@@ -42,7 +43,8 @@ class Noise:
         rest = np.concatenate([start, residual[..., 1:]], axis=-1)
         # With the first sample scaled to an innovation's size, the filter starts from what the process does on average.
         rest[..., 1] -= self.phi * (residual[..., 0] - rest[..., 0]) if residual.shape[-1] > 1 else 0.0
-        white: Array = lfilter([1.0, -self.phi], [1.0, -self.theta], rest, axis=-1) / self.sigma_v
+        scale = self.sigma_v * np.sqrt(self.doubt)
+        white: Array = lfilter([1.0, -self.phi], [1.0, -self.theta], rest, axis=-1) / scale
         return white
 
 

@@ -14,13 +14,27 @@ from bhm_service.discrepancy.noise import Noise, estimated
 from bhm_service.discrepancy.steps import contact_candidate, episodes
 from bhm_service.units import Array, Flags
 
-NATS = 6.0  # that a member of a set has to earn against the best set without it
+NATS = 10.0  # that a member of a set has to earn against the best set without it
+NEAR = 6.0  # [nats] within which two explanations cannot be told apart
+# What a model of a cell gets wrong by its structure looks like these. So they have to earn more before they are
+# called physics of this pack.
+STRUCTURAL = frozenset(
+    {"ocv-shape", "resistance-shape", "slow-diffusion", "charge-transfer", "hysteresis", "rate-capacity"}
+)
+_STRUCTURAL_NATS = 30.0
 LEAST_SNR = 3.0  # below, these recordings cannot show an effect of the usual size
 _WIDTH, _DEPTH, _EXPANSIONS = 3, 3, 4
+# What a model gets wrong it gets wrong alike in all flights of a kind: they are not independent witnesses of it.
+_WITNESSES, _MOST_DOUBT = 1.0 / 3.0, 3.0
 _FLOOR_V = 5e-4  # [V] of a cell: no voltage is measured better than this
 
 Progress = Callable[[str], None]
 Names = frozenset[str]
+
+
+def needed(name: str) -> float:
+    """What a member has to earn. [nats]"""
+    return _STRUCTURAL_NATS if name in STRUCTURAL else NATS
 
 
 @dataclass(slots=True)
@@ -174,7 +188,8 @@ def saturated_noise(at: Fitted, candidates: Sequence[Candidate]) -> Noise:
     )
     at_row = np.cumsum([0, *(r.size for r in rows)])
     parts = [left[at_row[k] : at_row[k] + lengths[k]] for k in range(len(rows))]
-    return estimated(parts, joint.lab.series * _FLOOR_V)
+    noise = estimated(parts, joint.lab.series * _FLOOR_V)
+    return replace(noise, doubt=float(np.clip(_WITNESSES * len(parts), 1.0, _MOST_DOUBT)))
 
 
 def search(base: Joint, candidates: Sequence[Candidate], progress: Progress = lambda _: None) -> Search:

@@ -9,10 +9,11 @@ import numpy as np
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.fitting import Fitted
-from bhm_service.discrepancy.search import NATS, Names, Search
+from bhm_service.discrepancy.search import NATS, NEAR, STRUCTURAL, Names, Search, needed
 
 _RIVALLED = 2  # of the best sets, whose members are held against their mimics
 LEAST_V = 0.001  # [V] of a cell: what adds less than this to the voltage changes nothing that anybody flies by
+_STRUCTURAL_V = 0.004  # [V] of a cell: the same for what looks like an error of the model's structure
 _LEAST_SHARE = 0.33  # of the largest member's, a tenth in power: thrice what that one's own equation may be off by
 _REACH = 0.995  # of the way to a bound of what is physical
 _ORDER = {name: place for place, name in enumerate(EFFECTS)}  # the commoner first
@@ -36,7 +37,7 @@ def select(found: Search, refuted: Collection[Names] = ()) -> Selection:
     best = max((found.evidence(names) for names in valid), default=0.0)
     if best < NATS:
         return Selection(frozenset(), (), {}, {})
-    near = [names for names in valid if found.evidence(names) > best - NATS]
+    near = [names for names in valid if found.evidence(names) > best - NEAR]
     chosen = min(near, key=lambda names: (_size(found, names), _order(names), -found.evidence(names)))
     return Selection(
         chosen,
@@ -59,10 +60,13 @@ def _stands(found: Search, names: Names) -> bool:
     if not _separable(found, names):
         return False
     volts = added(found.fitted(names))
-    least = max(LEAST_V * found.base.lab.series, _LEAST_SHARE * max(volts.values()))
-    if min(volts.values()) < least or not _physical(found.fitted(names)):
+    series = found.base.lab.series
+    if min(volts.values()) < _LEAST_SHARE * max(volts.values()):
         return False
-    return min(found.earned(names).values()) >= NATS
+    small = any(v < series * (_STRUCTURAL_V if name in STRUCTURAL else LEAST_V) for name, v in volts.items())
+    if small or not _physical(found.fitted(names)):
+        return False
+    return all(earned >= needed(name) for name, earned in found.earned(names).items())
 
 
 def _separable(found: Search, names: Names) -> bool:

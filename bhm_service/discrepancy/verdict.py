@@ -31,8 +31,6 @@ class Judged:
 
     verdict: Verdict
     rest: float
-    sentence: str
-    in_words: tuple[str, ...]
 
 
 def judge(
@@ -59,7 +57,7 @@ def judge(
     else:
         verdict = "none"
     left = float(np.clip(rest, 0.0, 1.0)) if strange or (named and rest > _REST) or verdict == "unknown" else 0.0
-    return Judged(verdict, left, "", ())
+    return Judged(verdict, left)
 
 
 def slow(misfit: Array, data: FlightData) -> Array:

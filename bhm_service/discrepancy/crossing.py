@@ -1,0 +1,48 @@
+"""The other cell model as a witness: what one model of a cell cannot follow, the other one often can.
+
+An effect that only mends the structure of one model earns nothing with the other; physics that the pack has earns with
+both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+from bhm_service.discrepancy.candidate import Candidate
+from bhm_service.discrepancy.fitting import Fitted, fit
+from bhm_service.discrepancy.joint import Joint
+from bhm_service.discrepancy.lab import Lab
+from bhm_service.discrepancy.noise import Noise
+from bhm_service.discrepancy.search import Names, Search, saturated_noise
+
+
+@dataclass(slots=True)
+class Witness:
+    """The same flights with the other cell model; ``start_sd`` as in the search that it checks."""
+
+    lab: Lab
+    candidates: Sequence[Candidate]
+    base: Joint
+    _bare: Fitted | None = field(default=None)
+
+    def earned(self, names: Names) -> dict[str, float]:
+        """Evidence that each member of a set adds to the others, by this model. [nats]"""
+        if not names:
+            return {}
+        members = tuple(c for c in self.candidates if c.id in names)
+        if self._bare is None:
+            self._bare = fit(self.base, Noise(0.98, 0.8, self.lab.series * 0.002))
+        rough = saturated_noise(self._bare, members)
+        first = fit(replace(self.base, members=members), rough)
+        noise = saturated_noise(first, ())
+        pulls = first.joint.unknowns.pulls(first.x)[0]
+        lab = self.lab.widened(lambda name: pulls[first.joint.places[name]])
+        found = Search(replace(self.base, lab=lab), members, noise)
+        found.fitted(names, first)
+        return found.earned(names)
+
+
+def witness(lab: Lab, flights: Joint, candidates: Sequence[Candidate]) -> Witness:
+    """A witness on the flights of a search."""
+    return Witness(lab, candidates, Joint(lab, flights.flights, (), flights.start_sd))

@@ -1,0 +1,191 @@
+"""What was found, in words for a flight engineer: the verdict in a sentence, each effect's size, each region."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bhm_service.battery.effects import EFFECTS
+from bhm_service.discrepancy.explanation import Course
+from bhm_service.discrepancy.findings import Findings, Region
+from bhm_service.discrepancy.fitting import Fitted
+from bhm_service.discrepancy.flights import FlightData
+from bhm_service.discrepancy.lab import Lab
+from bhm_service.discrepancy.sizes import Scene, flights_in_words, size, volts, volts_between
+from bhm_service.discrepancy.toll import Toll, tolls
+from bhm_service.units import Value
+
+_LEAST_SHIFT = 0.01
+_LEAST_V = 0.005  # a smaller change of the pack's voltage goes without saying
+_MOST_OF = 0.5  # of the largest change: a flight with as much is named
+# Their size says it all: volts of the same thing again, or none of their own.
+_NO_TOLL = {"voltage-gain", "voltage-offset", "intermittent-contact", "self-heating", "core-lag", "ocv-shape"}
+_SENSOR = {"unseen-load", "current-gain", "current-offset", "partial-charge"}
+
+
+@dataclass(frozen=True, slots=True)
+class Variable:
+    """What a misfit is laid over, as people call it."""
+
+    title: str
+    unit: str
+    factor: float = 1.0
+    digits: int = 0
+
+
+VARIABLES = {
+    "since_takeoff_s": Variable("time since take-off", "min", 1.0 / 60.0, 1),
+    "soc": Variable("state of charge", "%", 100.0),
+    "current_A": Variable("current", "A"),
+    "current_slope_A_per_s": Variable("change of current", "A/s", digits=1),
+    "temperature_C": Variable("pack temperature", "degC"),
+    "altitude_m": Variable("altitude", "m"),
+    "speed_mps": Variable("ground speed", "m/s", digits=1),
+    "cycles": Variable("charge cycles", ""),
+    "storage_days": Variable("storage", "days"),
+    "flight": Variable("flight", ""),
+}
+
+
+def sentence(findings: Findings, flights: int, moved: Mapping[str, float] | None = None) -> str:
+    """The verdict in one sentence; ``moved``: by which shares the lab's own numbers did, see `moved_of`."""
+    named = _titles([e.id for e in findings.effects])
+    fit = _fit_clause(findings)
+    verdict = findings.verdict
+    if verdict == "none":
+        text = (
+            f"Nothing is missing that these {flights} flights could show: the battery file explains their voltage "
+            f"to {_millivolts(findings.fit.rmse_after_V)}"
+        )
+    elif verdict == "parameter":
+        text = f"No physics is missing, but the pack is not as the battery file says: {named or _shifts(moved or {})}"
+        text += fit
+    elif verdict == "named":
+        text = f"The battery file leaves out physics: {named}{fit}"
+    elif verdict == "ambiguous" and not findings.alternatives:
+        text = f"The battery file leaves out physics, perhaps this: {named}; but drivers that cannot be the cause "
+        text += f"fit as well{fit}"
+    elif verdict == "ambiguous":
+        others = [_titles(ids) for ids in findings.alternatives]
+        shown = [t for t in (named, *others[:3]) if t]
+        more = f", or one of {len(others) - 3} more" if len(others) > 3 else ""
+        text = f"The battery file leaves out physics, but these flights cannot tell which: {', or '.join(shown)}{more}"
+        text += fit
+    elif verdict == "sensor-suspect":
+        text = f"Suspect a sensor before the battery: {named}{fit}"
+    elif verdict == "unknown":
+        where = f"; {region_in_words(findings.localisation[0], ())}" if findings.localisation else ""
+        text = f"The flights disagree with the battery file, and no effect of the catalogue explains it{where}{fit}"
+    else:
+        text = "Something may be missing, but these flights are too much alike to show it"
+        text += f"; the nearest: {named}" if named else ""
+    if findings.unexplained_rest > 0.0:
+        text += f"; {100.0 * findings.unexplained_rest:.0f} % of the misfit stays unexplained"
+    return text + "."
+
+
+def effect_in_words(
+    effect_id: str, values: Mapping[str, Value], lab: Lab, flights: Sequence[FlightData], courses: Sequence[Course]
+) -> str:
+    """An effect's size in words, and what it did to the voltage at the load of these flights.
+
+    ``values``: by parameter name in the declared units, one number or one for every flight; see `values_of`.
+    """
+    text = size(Scene(effect_id, values, lab, flights, courses))
+    if effect_id not in _NO_TOLL:
+        text += _toll_clause(effect_id, tolls(effect_id, values, lab, flights, courses))
+    return text[0].upper() + text[1:] + "."
+
+
+def values_of(fitted: Fitted, effect_id: str) -> dict[str, Value]:
+    """What a fit found for one of its members, as `effect_in_words` takes it; episodes of a contact in rows."""
+    found: dict[str, Value] = {}
+    values = fitted.joint.unknowns.values(fitted.x)
+    for member in (m for m in fitted.joint.members if effect_id in [kind.id for _, kind in m.parts]):
+        keys = [key for key, kind in member.parts if kind.id == effect_id]
+        rows: dict[str, list[Value]] = {}
+        for key in keys:
+            for u in (u for u in member.unknowns if u.effect == key):
+                rows.setdefault(u.declared.name, []).append(values[u.name][0])
+            for name in (n for n in member.fixed if n.startswith(f"{key}.")):
+                rows.setdefault(name.rpartition(".")[2], []).append(np.asarray(member.fixed[name], dtype=float))
+        found = {name: np.squeeze(np.stack(told)) for name, told in rows.items()}
+        if len(keys) == 1 and "begin" in found:  # one episode is still a row
+            found = {name: np.atleast_2d(told) for name, told in found.items()}
+    return found
+
+
+def moved_of(fitted: Fitted) -> dict[str, float]:
+    """By which shares a fit has the pack's own numbers away from the battery file's."""
+    blocks = {"resistance": "lab_resistance", "capacity": "lab_capacity"}
+    unknowns = fitted.joint.unknowns
+    return {name: float(np.expm1(fitted.x[unknowns.slice_of(block)][0])) for name, block in blocks.items()}
+
+
+def region_in_words(region: Region, every: Sequence[str]) -> str:
+    """Where, on which flights and which way the model is off; ``every`` flight's label, none: not said."""
+    parts = [_range_in_words(name, *between) for name, between in region.where.items() if name != "flight"]
+    where = f" at {' and '.join(parts)}" if parts else ""
+    on = f", on {flights_in_words(region.flights, every)}" if every and len(region.flights) < len(every) else ""
+    way = "below" if region.sign < 0 else "above"
+    return f"{100.0 * region.share_of_misfit:.0f} % of the misfit lies{where}{on}, measured {way} modelled"
+
+
+def _range_in_words(name: str, low: float, high: float) -> str:
+    known = VARIABLES.get(name)
+    if known is None:
+        return f"{name} {low:g} to {high:g}"
+    ends = " to ".join(f"{known.factor * end:.{known.digits}f}" for end in (low, high))
+    return f"{known.title} {ends} {known.unit}".rstrip()
+
+
+def _titles(ids: Sequence[str]) -> str:
+    """What effects say, joined: ``resistance follows temperature and the pack heats itself``."""
+    titles = [EFFECTS[name].title if name in EFFECTS else name for name in ids]
+    return " and ".join(t[0].lower() + t[1:] for t in titles)
+
+
+def _shifts(moved: Mapping[str, float]) -> str:
+    told = [
+        f"its {name} is {100.0 * abs(share):.0f} % {'higher' if share > 0.0 else 'lower'}"
+        for name, share in moved.items()
+        if abs(share) >= _LEAST_SHIFT
+    ]
+    return " and ".join(told) or "its numbers have moved"
+
+
+def _fit_clause(findings: Findings) -> str:
+    fit = findings.fit
+    before, after, where = fit.heldout_before_V, fit.heldout_after_V, "on flights that no fit saw"
+    if before is None or after is None:
+        before, after, where = fit.rmse_before_V, fit.rmse_after_V, "on the flights themselves"
+    if after >= 0.995 * before:
+        return f"; {where} the voltage error stays what it was, {_millivolts(after)}"
+    return f"; {where} the voltage error falls from {_millivolts(before)} to {_millivolts(after)}"
+
+
+def _millivolts(value: float) -> str:
+    return f"{1e3 * value:.0f} mV"
+
+
+def _toll_clause(effect_id: str, paid: Sequence[Toll]) -> str:
+    """What it cost where it cost most: at take-off, towards landing or all along, and on which flights."""
+    if effect_id == "time-skew":
+        most = max(abs(t.most_v) for t in paid)
+        return f"; at throttle steps this is up to {volts(most)}" if most >= _LEAST_V else ""
+    ends = {"at take-off": [t.takeoff_v for t in paid], "towards landing": [t.landing_v for t in paid]}
+    when, largest = max(((name, max(v, key=abs)) for name, v in ends.items()), key=lambda found: abs(found[1]))
+    if abs(largest) < _LEAST_V:
+        return ""
+    struck = [k for k, cost in enumerate(ends[when]) if cost / largest >= _MOST_OF]
+    told = [ends[when][k] for k in struck]
+    other = [ends[name][k] for name in ends if name != when for k in struck]
+    if min(cost / largest for cost in other) >= _MOST_OF:
+        when, told = "from take-off to landing", told + other
+    size_v = volts_between(min(map(abs, told)), max(map(abs, told)))
+    on = flights_in_words([paid[k].label for k in struck], [t.label for t in paid])
+    if effect_id in _SENSOR:
+        return f"; the true voltage is {size_v} {'below' if largest > 0.0 else 'above'} the modelled {when} on {on}"
+    return f"; this {'cost' if largest > 0.0 else 'gave'} {size_v} {when} on {on}"

@@ -1,0 +1,219 @@
+import re
+
+import numpy as np
+import pytest
+from battery.effects.plausible import sizes
+from discrepancy.made import NOISE, SERIES, course, flight, flown, lab, si
+
+from bhm_service.battery.effects import EFFECTS
+from bhm_service.discrepancy.candidate import candidates
+from bhm_service.discrepancy.findings import EffectFound, Findings, Fit, Region
+from bhm_service.discrepancy.fitting import Fitted
+from bhm_service.discrepancy.joint import Joint
+from bhm_service.discrepancy.sizes import flights_in_words
+from bhm_service.discrepancy.toll import tolls
+from bhm_service.discrepancy.words import effect_in_words, moved_of, region_in_words, sentence, values_of
+
+COLD_AND_MILD = [flown(flight(1, 5.0)), flown(flight(2, 24.0)), flown(flight(3, 25.0))]
+
+
+def said(effect_id, values, flights=None):
+    flights = COLD_AND_MILD if flights is None else flights
+    return effect_in_words(effect_id, values, lab(), flights, [course(f) for f in flights])
+
+
+def findings(verdict="named", ids=("resistance-temperature",), decoys=1.0, **changes):
+    effects = [
+        EffectFound(
+            id=name, parameters={}, evidence_nats=50.0, p_familywise=0.005, share_of_misfit=0.9, decoys_beaten=decoys
+        )
+        for name in ids
+    ]
+    held = Fit(rmse_before_V=0.2, rmse_after_V=0.02, heldout_before_V=0.174, heldout_after_V=0.088, noise_floor_V=0.012)
+    given = {
+        "alternatives": [], "unexplained_rest": 0.0, "localisation": [], "change_points": [], "inferred": [],
+        "fit": held, "advice": [], "battery_file": None,
+    }  # fmt: skip
+    return Findings(verdict=verdict, effects=effects, **(given | changes))
+
+
+# ---- sizes ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("effect_id", EFFECTS)
+def test_every_effect_of_the_catalogue_says_its_size_in_a_sentence(effect_id):
+    kind = EFFECTS[effect_id]
+    told = {p.name: p.scale for p in kind.parameters()}
+    values = {name: value / told[name] for name, value in sizes(kind).items()}
+    text = said(effect_id, values)
+    assert re.fullmatch(r"[A-Z0-9].*\d.*\.", text)
+    assert "nan" not in text
+
+
+def test_a_cold_packs_resistance_is_told_at_the_coldest_take_off():
+    # exp(22 kJ/mol / R (1/278.15 K - 1/298.15 K)) = 1.89
+    text = said("resistance-temperature", {"activation_energy": 22.0})
+    assert re.fullmatch(
+        r"At 5 degC the pack has 1\.9 times the resistance that it has at 25 degC; this cost 0\.\d to 0\.\d V from "
+        r"take-off to landing on flight 01\.", text,
+    )  # fmt: skip
+
+
+def test_temperature_that_no_sensor_told_is_taken_from_what_was_inferred():
+    bare = [flown(flight(k, c)) for k, c in ((1, 5.0), (2, 24.0))]
+    told = [course(f) for f in bare]
+    hidden = [
+        type(c)(type(f)(**{n: getattr(f, n) for n in f.__dataclass_fields__} | {"temperature_k": None}),
+                c.before_v, c.after_v, c.soc, {"temperature": (f.temperature_k, np.ones(f.time_s.size))})
+        for c, f in zip(told, bare, strict=True)
+    ]  # fmt: skip
+    text = effect_in_words("resistance-temperature", {"activation_energy": 22.0}, lab(), bare, hidden)
+    assert text == effect_in_words("resistance-temperature", {"activation_energy": 22.0}, lab(), bare, told)
+
+
+def test_a_contacts_cost_is_its_resistance_times_the_current():
+    paid = tolls("contact-resistance", {"resistance": 9.0}, lab(), COLD_AND_MILD, [course(f) for f in COLD_AND_MILD])
+    for toll, data in zip(paid, COLD_AND_MILD, strict=True):
+        first = (data.time_s >= 30.0) & (data.time_s <= 90.0)
+        assert toll.takeoff_v == pytest.approx(9e-3 * data.current_a[first].mean(), rel=1e-9)
+
+
+def test_a_start_with_less_charge_is_charged_with_the_open_circuit_curve():
+    data = flight(1)
+    started = course(data, [si("partial-charge", {"deficit": 0.1})])
+    (toll,) = tolls("partial-charge", {"deficit": np.array([0.1])}, lab(), [data], [started])
+    # At full charge the curve falls by 0.1 V a cell over a tenth or so; the first minute is all flown up there.
+    curve = lab().cell.open_circuit
+    first = (data.time_s >= 30.0) & (data.time_s <= 90.0)
+    expected = SERIES * np.mean(curve(started.soc[first] + 0.1) - curve(started.soc[first]))
+    assert toll.takeoff_v == pytest.approx(expected, rel=0.05)
+
+
+def test_numbers_of_single_flights_are_told_of_their_flight():
+    flights = [flown(flight(1)), flown(flight(2))]
+    courses = [course(f, soc=start) for f, start in zip(flights, (0.98, 0.85), strict=True)]
+    text = effect_in_words("partial-charge", {"deficit": np.array([0.02, 0.15])}, lab(), flights, courses)
+    assert text.startswith("Flight 02 started with 15 % less charge than assumed; all flights started between 85 and")
+
+
+def test_a_capacity_is_told_in_ampere_hours():
+    assert "91 % of the charge that it held in the lab: 4.55 Ah in place of 5 Ah" in said(
+        "capacity-fade", {"fade": 0.09}
+    )
+
+
+def test_a_sensor_is_told_by_what_flows_when_it_reads_a_hover():
+    assert "reads 4.8 % too low: where it says 22.1 A, 23.2 A flow" in said("current-gain", {"gain": 0.05})
+
+
+def test_every_episode_of_a_contact_is_told_with_its_times():
+    values = {
+        "resistance": np.array([10.0, 5.0]),
+        "begin": np.array([[0.0, 60.0, 0.0], [120.0, 0.0, 0.0]]),
+        "end": np.array([[0.0, 100.0, 0.0], [1e6, 0.0, 0.0]]),
+    }
+    text = said("intermittent-contact", values)
+    assert "10.0 mohm more from 1:00 to 1:40 of flight 02" in text
+    assert "5.0 mohm more from 2:00 to the end of flight 01" in text
+
+
+def test_an_effect_too_small_to_matter_costs_nothing_in_words():
+    assert "cost" not in said("contact-resistance", {"resistance": 0.1})
+
+
+def test_values_of_a_fit_are_in_declared_units_and_one_a_flight_where_flights_differ():
+    flights = (flight(1), flight(2))
+    members = tuple(c for c in candidates(flights, "circ", 100.0)[0] if c.id in ("hysteresis", "partial-charge"))
+    joint = Joint(lab(), flights, members)
+    x = joint.unknowns.start.copy()
+    for name, numbers in {
+        "hysteresis.amplitude": 21.0, "hysteresis.reach": np.log(0.07), "partial-charge.deficit": [0.12, 0.05],
+        "lab_resistance": np.log(1.18),
+    }.items():  # fmt: skip
+        x[joint.unknowns.slice_of(name)] = numbers
+    fitted = Fitted(joint=joint, noise=NOISE, x=x, cost=0.0, rows=[], slopes=[], curvature=np.eye(x.size))
+    assert values_of(fitted, "hysteresis") == pytest.approx({"amplitude": 21.0, "reach": 0.07, "begin": -0.5})
+    assert values_of(fitted, "partial-charge")["deficit"] == pytest.approx([0.12, 0.05])
+    assert moved_of(fitted) == pytest.approx({"resistance": 0.18, "capacity": 0.0})
+
+
+# ---- sentences ------------------------------------------------------------------------------------------------------
+
+
+def test_a_named_effect_is_said_with_what_it_does_on_flights_that_no_fit_saw():
+    assert sentence(findings(), 6) == (
+        "The battery file leaves out physics: resistance follows temperature; on flights that no fit saw the voltage "
+        "error falls from 174 mV to 88 mV."
+    )
+
+
+def test_an_explanation_that_does_not_predict_better_says_so():
+    same = Fit(rmse_before_V=0.02, rmse_after_V=0.01, heldout_before_V=0.02, heldout_after_V=0.021, noise_floor_V=0.01)
+    assert "on flights that no fit saw the voltage error stays what it was, 21 mV" in sentence(findings(fit=same), 6)
+
+
+def test_with_too_few_flights_the_sentence_does_not_speak_of_held_out_ones():
+    few = Fit(rmse_before_V=0.2, rmse_after_V=0.02, heldout_before_V=None, heldout_after_V=None, noise_floor_V=0.01)
+    text = sentence(findings(fit=few), 2)
+    assert "no fit saw" not in text
+    assert "on the flights themselves" in text
+
+
+def test_what_cannot_be_told_apart_is_said_to_be_so():
+    text = sentence(findings("ambiguous", alternatives=[["contact-resistance"], ["resistance-growth"]]), 6)
+    assert "cannot tell which: resistance follows temperature, or more resistance in wires and connectors, or " in text
+
+
+def test_a_name_that_phantoms_match_is_only_perhaps():
+    assert "perhaps this: resistance follows temperature; but" in sentence(findings("ambiguous", decoys=0.5), 6)
+
+
+def test_moved_numbers_of_the_pack_are_named_with_their_shift():
+    text = sentence(findings("parameter", ids=()), 6, {"resistance": 0.18, "capacity": 0.001})
+    assert "as the battery file says: its resistance is 18 % higher;" in text
+
+
+@pytest.mark.parametrize(
+    ("verdict", "ids", "words"),
+    [
+        ("none", (), "Nothing is missing that these 6 flights could show"),
+        ("unknown", (), "no effect of the catalogue explains it"),
+        ("not-excited", (), "too much alike to show it"),
+        ("sensor-suspect", ("current-gain",), "Suspect a sensor before the battery: the current sensor's scale is off"),
+    ],
+)
+def test_every_verdict_has_its_sentence(verdict, ids, words):
+    assert words in sentence(findings(verdict, ids=ids), 6)
+
+
+def test_what_stays_unexplained_is_said():
+    assert sentence(findings(unexplained_rest=0.23), 6).endswith("; 23 % of the misfit stays unexplained.")
+
+
+# ---- regions and flights --------------------------------------------------------------------------------------------
+
+
+def test_a_region_is_told_with_units_flights_and_side():
+    region = Region(
+        where={"temperature_C": (1.0, 10.0), "since_takeoff_s": (0.0, 240.0)},
+        flights=["00.tlog"], share_of_misfit=0.62, sign=-1,
+    )  # fmt: skip
+    assert region_in_words(region, ["00.tlog", "01.tlog"]) == (
+        "62 % of the misfit lies at pack temperature 1 to 10 degC and time since take-off 0.0 to 4.0 min, on flight "
+        "00, measured below modelled"
+    )
+
+
+@pytest.mark.parametrize(
+    ("chosen", "words"),
+    [
+        ([0, 1, 2, 3, 4, 5], "every flight"),
+        ([3], "flight 3"),
+        ([1, 2, 3], "flights 1 to 3"),
+        ([0, 2, 5], "flights 0, 2 and 5"),
+        ([0, 1, 2, 3, 5], "5 of 6 flights"),
+    ],
+)
+def test_flights_are_told_shortly(chosen, words):
+    every = [f"{k}.tlog" for k in range(6)]
+    assert flights_in_words([every[k] for k in chosen], every) == words
