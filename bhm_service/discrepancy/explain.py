@@ -142,18 +142,16 @@ def _courses(base: Joint, fitted: Fitted) -> list[Course]:
     joint = fitted.joint
     bare = base.unknowns.start
     draws = _draws(fitted)
-    hidden = [n for c in joint.members for _, kind in c.parts if kind.supplies for n in kind.state_names]
+    inferred = any("temperature" in kind.supplies for c in joint.members for _, kind in c.parts)
     found = []
     for k, data in enumerate(joint.flights):
         before = base.predicted(bare[None, :], k).voltage[0]
         after = joint.predicted(fitted.x[None, :], k)
         states: dict[str, tuple[Array, Array]] = {}
-        if hidden:
-            names = joint.pack(draws, k).state_names
-            run = joint.simulated(draws, k)
-            for name in hidden:
-                rows = np.broadcast_to(run.states[names.index(name)], (draws.shape[0], data.time_s.size))
-                states[name] = (rows[0], rows[1:].std(axis=0))
+        if inferred:
+            kelvin = joint.simulated(draws, k).temperature
+            rows = np.broadcast_to(kelvin, (draws.shape[0], data.time_s.size))
+            states["temperature"] = (rows[0], rows[1:].std(axis=0))
         found.append(Course(data, before, after.voltage[0], after.soc, states))
     return found
 
