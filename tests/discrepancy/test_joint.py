@@ -1,0 +1,126 @@
+"""All flights under one hypothesis: the model that is fitted is the pack model, and its derivatives are right."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from discrepancy.flown import AMBIENT_K, BATTERY, SERIES, base, flown, with_members
+
+from bhm_service.battery.effects import EFFECTS
+from bhm_service.battery.pack import PackModel
+from bhm_service.discrepancy.noise import Noise
+
+NOISE = Noise(0.95, 0.7, 0.008)
+FLIGHTS = [flown(number=k, kelvin=AMBIENT_K[k], samples=150) for k in range(2)]
+MEMBERS = [
+    {"capacity-fade"}, {"resistance-temperature"}, {"unseen-load", "contact-resistance"}, {"partial-charge"},
+    {"voltage-offset", "hysteresis"},
+]  # fmt: skip
+IDS = ["+".join(sorted(m)) for m in MEMBERS]
+
+
+@pytest.mark.parametrize("model", ["circ", "chem"])
+def test_the_battery_as_it_is_is_the_pack_model_itself(model):
+    joint = base(FLIGHTS, model)
+    modelled = joint.predicted(joint.unknowns.start[None, :], 0)
+    pack = PackModel(BATTERY.cell(model), SERIES)
+    data = FLIGHTS[0]
+    run = pack.simulate(data.time_s, data.current_a, 1.0, data.temperature_k)
+    np.testing.assert_allclose(modelled.voltage[0], np.ravel(run.voltage), atol=1e-9)
+    np.testing.assert_allclose(modelled.soc, np.ravel(run.soc), atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["capacity-fade", "resistance-temperature", "unseen-load"])
+def test_a_member_is_its_effect_of_the_catalogue_and_what_it_adds_is_the_difference(name):
+    joint = with_members(FLIGHTS, {name})
+    x = joint.unknowns.start[None, :]
+    (unknown,) = joint.members[0].amplitudes()
+    size = joint.values(x)[unknown.name][0, 0] * unknown.declared.scale
+    data = FLIGHTS[1]
+    packs = [
+        PackModel(BATTERY.cell("circ"), SERIES, 1.0, e) for e in ([EFFECTS[name](**{unknown.declared.name: size})], [])
+    ]
+    full, bare = (np.ravel(p.simulate(data.time_s, data.current_a, 1.0, data.temperature_k).voltage) for p in packs)
+    modelled = joint.predicted(x, 1)
+    np.testing.assert_allclose(modelled.voltage[0], full, atol=1e-9)
+    np.testing.assert_allclose(modelled.members[0], full - bare, atol=1e-9)
+    assert np.abs(full - bare).max() > 0.02
+
+
+@pytest.mark.parametrize("model", ["circ", "chem"])
+@pytest.mark.parametrize("members", MEMBERS, ids=IDS)
+def test_derivatives_are_those_of_the_residuals(model, members):
+    """Against central differences with another step, number by number, where shapes are at nothing."""
+    joint = with_members(FLIGHTS, members, model)
+    x = joint.unknowns.start.copy()
+    inner = 0.5 * (joint.unknowns.low + joint.unknowns.high)
+    x[joint.places["start_soc"]] = 0.97  # below full, where the curve is defined on both sides
+    for member in joint.members:
+        for u in member.unknowns:
+            where = joint.places[u.name]
+            x[where] += 0.3 * joint.scale[where] * np.sign(inner[where] - x[where] + 1e-12)
+    _, slopes = joint.linearised(x, NOISE)
+    step = 0.01
+    for k in range(x.size):
+        sides = []
+        for sign in (1.0, -1.0):
+            moved = x.copy()
+            moved[k] += sign * step * joint.scale[k]
+            sides.append(np.concatenate(joint.linearised(moved, NOISE)[0]))
+        truth = (sides[0] - sides[1]) / (2.0 * step)
+        ours = np.concatenate([s[:, k] for s in slopes])
+        assert np.linalg.norm(ours - truth) < 0.02 * np.linalg.norm(truth) + 1e-6, joint.unknowns.names[k]
+
+
+def test_what_belongs_to_a_flight_moves_no_other():
+    joint = with_members(FLIGHTS, {"partial-charge"})
+    _, slopes = joint.linearised(joint.unknowns.start, NOISE)
+    for name in ("start_soc", "partial-charge.deficit"):
+        first = joint.places[name].start
+        assert np.abs(slopes[0][:, first]).max() > 0.0
+        assert not slopes[1][:, first].any()
+
+
+def test_readings_that_are_missing_weigh_nothing():
+    holed = replace(FLIGHTS[0], voltage_v=np.where(np.arange(150) == 60, np.nan, FLIGHTS[0].voltage_v))
+    joint = base([holed, FLIGHTS[1]])
+    rows, slopes = joint.linearised(joint.unknowns.start, NOISE)
+    assert rows[0][60] == 0.0
+    assert not slopes[0][60].any()
+    assert np.isfinite(rows[0]).all()
+
+
+# ---- the voltage rested after landing ------------------------------------------------------------------------------
+
+
+def rested(effects=(), names=(), rest_s=2e5):
+    """Rested voltage that a hypothesis expects after a flight from full, at the sizes it starts with."""
+    data = flown(effects, samples=150)
+    data = replace(data, notes=replace(data.notes, rest_s=rest_s))
+    joint = with_members([data], set(names))
+    return float(joint.predicted(joint.unknowns.start[None, :], 0).rested[0, 0]), data, joint
+
+
+def test_after_a_long_rest_the_voltage_is_the_open_circuits_at_the_charge_that_is_left():
+    found, data, _ = rested()
+    left = 1.0 - data.charge_c[-1] / float(BATTERY.circ.c_max)
+    assert found == pytest.approx(SERIES * float(BATTERY.circ.ocv.voltage(np.array(left))), abs=1e-4)
+
+
+def test_a_sensor_on_board_changes_nothing_of_what_another_meter_reads_at_rest():
+    assert rested(names=("voltage-gain", "voltage-offset"))[0] == pytest.approx(rested()[0], abs=1e-9)
+
+
+def test_a_load_past_the_sensor_stops_when_the_pack_is_unplugged():
+    found, data, joint = rested(names=("unseen-load",))
+    amps = joint.values(joint.unknowns.start[None, :])["unseen-load.current"][0, 0]
+    left = 1.0 - (data.charge_c[-1] + amps * data.time_s[-1]) / float(BATTERY.circ.c_max)
+    assert found == pytest.approx(SERIES * float(BATTERY.circ.ocv.voltage(np.array(left))), abs=1e-4)
+
+
+def test_a_flight_without_that_voltage_has_one_residual_less():
+    plain = replace(FLIGHTS[0], notes=replace(FLIGHTS[0].notes, rest_voltage_v=None))
+    with_it, without = (base([f]).linearised(base([f]).unknowns.start, NOISE)[0][0] for f in (FLIGHTS[0], plain))
+    assert with_it.size == without.size + 1

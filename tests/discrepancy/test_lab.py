@@ -1,0 +1,113 @@
+"""What the lab leaves open: it adds to the voltage as it says, and contradictions of pack and vehicle are refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from battery.cells import CAPACITY_C, circ
+from discrepancy.flown import BATTERY, SERIES, base, flown
+
+from bhm_service.battery.battery_file import BatteryFile
+from bhm_service.battery.uncertainty import Uncertainty
+from bhm_service.discrepancy.lab import BEND_SOC, DROP_S, DROP_SOC, lab_of, lagging
+from bhm_service.errors import BadInputError
+
+GENERIC = BatteryFile(name="generic", circ=circ(), uncertainty=Uncertainty(resistance=0.5, capacity=0.1))
+FLIGHT = flown(samples=200)
+
+
+@pytest.fixture(scope="module")
+def joint():
+    return base([FLIGHT])
+
+
+@pytest.mark.parametrize("block", ["lab_bends", "lab_drop_0", "lab_drop_30", "lab_curve"])
+def test_what_an_addition_adds_is_what_the_prediction_changes_by(joint, block):
+    """Twice the number is twice the change, and it is the row that `added` gives."""
+    x = joint.unknowns.start
+    where = np.arange(joint.places[block].start, joint.places[block].stop)
+    knot = where[round(0.8 * (where.size - 1))]
+    points = np.tile(x, (3, 1))
+    points[1, knot] += joint.scale[knot]
+    points[2, knot] += 2.0 * joint.scale[knot]
+    modelled = joint.predicted(points, 0)
+    once, twice = modelled.voltage[1] - modelled.voltage[0], modelled.voltage[2] - modelled.voltage[0]
+    np.testing.assert_allclose(twice, 2.0 * once, atol=1e-9)
+    row = joint.lab.added(
+        joint.lab.followed(FLIGHT.time_s, FLIGHT.current_a), FLIGHT.current_a, modelled.soc
+    )[list(modelled.places).index(knot)]  # fmt: skip
+    np.testing.assert_allclose(once, joint.scale[knot] * row, atol=1e-9)
+    assert np.abs(once).max() > 1e-4
+
+
+def test_bends_are_millivolts_of_a_cell_at_their_charge(joint):
+    rows = joint.lab.added(np.zeros((len(DROP_S), 3)), np.zeros(3), np.array([0.2, 0.5, 0.81]))[: BEND_SOC.size]
+    np.testing.assert_allclose(rows.sum(axis=0), SERIES)
+    assert rows[BEND_SOC.searchsorted(0.2), 0] == pytest.approx(SERIES)
+
+
+def test_a_drop_is_ohms_law_at_once_and_lags_by_its_time(joint):
+    t, amps = np.arange(0.0, 400.0, 2.0), np.full(200, 10.0)
+    rows = joint.lab.added(joint.lab.followed(t, amps), amps, np.full(200, DROP_SOC[1]))
+    drops = rows[BEND_SOC.size :][: len(DROP_S) * DROP_SOC.size].reshape(len(DROP_S), DROP_SOC.size, -1)
+    full = -SERIES * joint.lab.ohm * 10.0
+    np.testing.assert_allclose(drops[0, 1], full)
+    np.testing.assert_allclose(drops[3, 1], full * (1.0 - np.exp(-t / DROP_S[3])), atol=0.02 * abs(full))
+    assert not drops[:, 3].any()
+
+
+def test_what_lags_a_ramp_lags_it_by_its_time():
+    t = np.arange(0.0, 600.0, 1.0)
+    np.testing.assert_allclose(lagging(t, t, 20.0)[500:], t[500:] - 20.0, atol=1e-6)
+
+
+def test_ties_hold_the_resistance_at_each_charge_however_it_is_split(joint):
+    """What one scale of resistance does, opposite drops undo: such a sum costs nothing, both alike cost much."""
+    x = joint.unknowns.start.copy()
+    # One per cent more resistance, ohmic and of polarisation, in numbers of the fit.
+    x[joint.places["lab_resistance"]] = x[joint.places["lab_polarisation"]] = 0.01
+    alone = joint.ties @ joint.unknowns.pulls(x)[0]
+    x[joint.places["lab_drop_0"]] = -0.01 * joint.lab.ohmic_share
+    x[joint.places["lab_drop_2"]] = -0.01 * (1.0 - joint.lab.ohmic_share)
+    undone = joint.ties @ joint.unknowns.pulls(x)[0]
+    assert np.abs(alone).max() > 0.05
+    np.testing.assert_allclose(undone, 0.0, atol=1e-9)
+
+
+def test_shapes_are_widened_by_what_a_fit_shows_and_never_narrowed(joint):
+    lab = joint.lab
+    blocks = {b.name: b.start.size for b in lab.additions()}
+    same = lab.widened(lambda name: np.full(blocks[name], 0.2))
+    wider = lab.widened(lambda name: np.full(blocks[name], 2.0 if name in ("lab_bends", "lab_drop_30") else 0.2))
+    most = lab.widened(lambda name: np.full(blocks[name], 100.0))
+    assert same.bend_sd_v == lab.bend_sd_v
+    assert same.drop_sds == pytest.approx(lab.drop_sds)
+    assert wider.bend_sd_v == pytest.approx(2.0 * lab.bend_sd_v)
+    assert wider.drop_sds == pytest.approx(lab.drop_sds | {30.0: 2.0 * lab.drop_sds[30.0]})
+    assert max(most.drop_sds[t] / lab.drop_sds[t] for t in DROP_S) < 10.0
+
+
+def test_a_cell_like_its_own_is_known_less_well_than_the_very_pack():
+    own, like = lab_of(BATTERY, "circ", None, None), lab_of(GENERIC, "circ", SERIES, 2.0 * CAPACITY_C)
+    assert own.identified
+    assert not like.identified
+    assert like.resistance_sd > own.resistance_sd
+    assert like.parallel == pytest.approx(2.0)
+    assert like.capacity_c == pytest.approx(2.0 * CAPACITY_C)
+
+
+def test_a_vehicle_with_another_number_of_cells_is_refused():
+    with pytest.raises(BadInputError, match="known: is a pack of 6 cells, the vehicle file says 4"):
+        lab_of(BATTERY, "circ", 4, None)
+
+
+def test_a_cell_without_a_number_of_cells_is_asked_about():
+    with pytest.raises(BadInputError, match="how many cells"):
+        lab_of(GENERIC, "circ", None, None)
+
+
+def test_a_model_that_the_file_has_not_is_named():
+    with pytest.raises(BadInputError, match=r"no \[chem\] section"):
+        lab_of(replace(BATTERY, chem=None), "chem", None, None)

@@ -1,0 +1,93 @@
+"""The repaired battery is a battery file: it reads back, it follows the flights, it flies."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from discrepancy.flown import BATTERY, SERIES, SIZES, base, four, noise_model, with_members
+
+from bhm_service.battery.battery_file import read_battery, write_battery
+from bhm_service.battery.pack import PackModel
+from bhm_service.discrepancy.fitting import fit
+from bhm_service.discrepancy.repair import flying, repaired, retuned
+from bhm_service.estimation.tracker import Tracker
+from bhm_service.messages import BatterySample, Model
+
+NOISE = noise_model()
+LASTING = [name for name in SIZES if name != "partial-charge"]
+
+
+def error(battery, model, flights):
+    """RMSE of a battery file's pack model over flights, from full. [V]"""
+    pack = PackModel(battery.cell(model), SERIES, 1.0, battery.effects(model))
+    off = [
+        f.voltage_v - np.ravel(pack.simulate(f.time_s, f.current_a, 1.0, f.temperature_k).voltage) for f in flights
+    ]  # fmt: skip
+    return float(np.sqrt(np.mean(np.concatenate(off) ** 2)))
+
+
+def mended(name, model, folder):
+    """A battery file repaired from four flights, written and read; the flights it was not made from."""
+    battery, remarks = repaired(BATTERY, fit(with_members(four(name, model), {name}, model), NOISE), "a test")
+    assert remarks == []
+    write_battery(folder / "battery.toml", battery)
+    return read_battery(folder / "battery.toml")
+
+
+@pytest.mark.parametrize("model", ["circ", "chem"])
+@pytest.mark.parametrize("name", LASTING)
+def test_the_file_written_and_read_back_follows_new_flights(name, model, tmp_path):
+    battery, new = mended(name, model, tmp_path), four(name, model, seed=9)
+    (joined,) = battery.joined
+    assert joined.effect.id == name
+    assert joined.model == model  # the other model was not asked
+    assert all(sd > 0.0 for sd in joined.sd.values())
+    assert "a test" in battery.source
+    assert error(battery, model, new) < 0.25 * error(BATTERY, model, new)
+
+
+def test_the_filter_runs_it_and_keeps_nearer_to_the_charge(tmp_path):
+    battery = mended("capacity-fade", "circ", tmp_path)
+    flight = four("capacity-fade", seed=9)[0]
+    true = 1.0 - flight.charge_c[-1] / (0.9 * float(BATTERY.circ.c_max))
+    off = []
+    for own in (battery, BATTERY):
+        tracker = Tracker(Model.CIRC, own.cell("circ"), SERIES, 1.0, own.effects("circ"))
+        track = None
+        for t, amps, volts in zip(flight.time_s, flight.current_a, flight.voltage_v, strict=True):
+            sample = BatterySample(
+                time_s=float(t), battery_id=0, voltage_v=float(volts), current_a=float(amps), temperature_k=None
+            )
+            track, estimate = tracker.step(track, sample)
+        off.append(abs(estimate.soc - true))
+    assert off[0] < 0.03
+    assert off[0] < off[1] + 0.005
+
+
+def test_what_differs_between_flights_stays_out_of_the_file_and_that_is_said():
+    fitted = fit(with_members(four("partial-charge"), {"partial-charge"}), NOISE)
+    battery, remarks = repaired(BATTERY, fitted, "a test")
+    assert battery.joined == ()
+    assert remarks == ["partial-charge: differs from flight to flight, so no battery file can hold it"]
+
+
+def test_repairing_twice_replaces_what_was_there(tmp_path):
+    once = mended("resistance-growth", "circ", tmp_path)
+    again, _ = repaired(once, fit(with_members(four("resistance-growth", seed=1), {"resistance-growth"}), NOISE), "b")
+    assert [j.effect.id for j in again.joined] == ["resistance-growth"]
+
+
+def test_a_moved_parameter_is_put_into_the_cell_itself():
+    joint = base(four("resistance-growth"))
+    fitted = fit(joint, NOISE)
+    new = retuned(BATTERY, fitted)
+    by = float(np.exp(fitted.x[joint.places["lab_resistance"]][0]))
+    assert by > 1.01
+    assert new.circ.r_s == pytest.approx(by * BATTERY.circ.r_s)
+    assert new.circ.ocv == BATTERY.circ.ocv
+
+
+def test_flying_time_to_the_reserve_falls_with_the_capacity():
+    fitted = fit(with_members(four("capacity-fade"), {"capacity-fade"}), NOISE)
+    for flight in flying(fitted.joint, fitted):
+        assert flight.after_s / flight.before_s == pytest.approx(0.9, abs=0.04)
