@@ -1,0 +1,80 @@
+"""The eight open cases from the lab's recordings to the verdict, as `../shared/cases` describes it."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from bhm_service.cli import main
+from bhm_service.discrepancy.findings import read_findings
+
+CASES = Path(__file__).resolve().parents[3] / "shared" / "cases"
+# Two packs: the lab's recordings are the same in all cases of one (the README there says which).
+PACKS = {"null": "kokam12", "fade": "nca16"}
+NAMES = (
+    "null", "cold-seen", "cold-hidden", "fade", "partial-charge", "unseen-load", "contact-and-cold", "connector",
+)  # fmt: skip
+pytestmark = pytest.mark.skipif(not CASES.is_dir(), reason="../shared/cases is absent")
+
+
+def bhm(*words):
+    """Run a command in this process; it has to succeed."""
+    before, sys.argv = sys.argv, ["bhm", *map(str, words)]
+    try:
+        main()
+    except SystemExit as ended:
+        assert not ended.code, words
+    finally:
+        sys.argv = before
+
+
+@pytest.fixture(scope="session")
+def battery(tmp_path_factory):
+    """The battery file of a pack by name, identified once."""
+    folder = tmp_path_factory.mktemp("packs")
+
+    def of(pack):
+        path = folder / f"{pack}.toml"
+        if not path.exists():
+            (case,) = [c for c, p in PACKS.items() if p == pack]
+            lab = CASES / case / "lab"
+            bhm("identify", "--slow", lab / "slow.csv.gz", "--one-c", lab / "one_c.csv.gz", "--variable",
+                lab / "variable.csv.gz", "--series", "6", "-o", path)  # fmt: skip
+        return path
+
+    return of
+
+
+def missed(truth, found):
+    """Steps [(flight, s)] that no change point is within 10 s of, and change points that are near no step."""
+    true = [(k, at) for k, f in enumerate(truth["flights"]) for at, _ in f["knobs"]["steps"]]
+    said = [(int(c.flight.split(".")[0]), c.time_s) for c in found.change_points]
+
+    def near(a, b):
+        return a[0] == b[0] and abs(a[1] - b[1]) <= 10.0
+
+    return [t for t in true if not any(near(t, s) for s in said)], [
+        s for s in said if not any(near(s, t) for t in true)
+    ]
+
+
+@pytest.mark.parametrize("case", NAMES)
+def test_the_case_is_named_right(case, battery, tmp_path):
+    folder = CASES / case
+    truth = json.loads((folder / "truth.json").read_text())
+    flights = folder / "flights"
+    bhm("explain", *sorted(flights.glob("*.tlog")), "--battery", battery(truth["pack"]), "--sidecar",
+        flights / "flights.csv", "-o", tmp_path)  # fmt: skip
+    found = read_findings(tmp_path / "findings.json")
+    named = {e.id for e in found.effects}
+    said = f"{found.verdict}: {sorted(named)}"
+    assert any(
+        found.verdict == accepted if accepted in ("none", "unknown") else named == set(accepted.split("+"))
+        for accepted in truth["accept"]
+    ), said
+    assert missed(truth, found) == ([], [])
+    if named:
+        assert found.fit.heldout_after_V < found.fit.heldout_before_V

@@ -1,0 +1,90 @@
+"""What is behind four flights is named among its mimics, and nothing is named where there is nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from discrepancy.flown import BATTERY, SIZES, base, catalogue, four
+
+from bhm_service.battery.effects import EFFECTS
+from bhm_service.discrepancy.explain import Request, explain
+from bhm_service.discrepancy.search import search
+from bhm_service.discrepancy.selection import select
+
+FLOWN = [*((name, "circ") for name in SIZES), ("resistance-growth", "chem")]
+
+
+@pytest.mark.parametrize(("name", "model"), FLOWN)
+def test_an_effect_is_named_among_its_mimics(name, model):
+    """Equals are told by the one that is commoner, so the name may only lose to a set that is said to be equal."""
+    flights = four(name, model, seed=1)
+    tried = catalogue(flights, model, {name, *EFFECTS[name].mimics})
+    assert len(tried) > 2
+    found = search(base(flights, model), tried)
+    chosen = select(found)
+    assert chosen.names
+    assert frozenset({name}) in {chosen.names, *chosen.alternatives}
+    assert len(chosen.names) == 1
+    assert chosen.earned[next(iter(chosen.names))] > 6.0
+
+
+@pytest.fixture(scope="module")
+def growth():
+    """The whole of it for flights with more resistance."""
+    return explain(Request(battery=BATTERY, flights=four("resistance-growth", seed=2)))
+
+
+@pytest.fixture(scope="module")
+def nothing():
+    """The whole of it for flights that the battery file describes."""
+    return explain(Request(battery=BATTERY, flights=four(seed=2)))
+
+
+def test_against_the_whole_catalogue_the_name_and_its_number_are_found(growth):
+    (effect,) = growth.findings.effects
+    assert effect.id == "resistance-growth"
+    (number,) = effect.parameters.values()
+    assert abs(number.value - 0.5) < 3.0 * number.sd
+    assert number.unit == "1"
+    assert effect.p_familywise <= 0.02
+    assert effect.share_of_misfit > 0.9
+    assert effect.decoys_beaten is None  # it follows no temperature
+
+
+def test_a_name_that_has_rivals_is_called_ambiguous_and_comes_with_what_would_settle_it(growth):
+    found = growth.findings
+    assert found.verdict == ("ambiguous" if found.alternatives else "named")
+    assert bool(found.advice) == bool(found.alternatives)
+    assert all("resistance-growth" not in rival for rival in found.alternatives)
+
+
+def test_the_fit_is_better_on_flights_that_it_did_not_see(growth):
+    fit = growth.findings.fit
+    assert fit.rmse_after_V < 0.2 * fit.rmse_before_V
+    assert fit.heldout_after_V < 0.3 * fit.heldout_before_V
+    assert fit.noise_floor_V < 0.02
+
+
+def test_misfit_that_was_there_has_a_place(growth):
+    assert all(r.sign == -1 for r in growth.findings.localisation)
+
+
+def test_flying_time_is_shorter_on_a_pack_with_more_resistance(growth):
+    assert len(growth.flying) == 4
+    assert all(0.0 < f.after_s < f.before_s + 1.0 for f in growth.flying)
+
+
+def test_flights_that_the_battery_describes_need_no_physics(nothing):
+    found = nothing.findings
+    assert found.verdict == "none"
+    assert found.effects == []
+    assert found.alternatives == []
+    assert found.unexplained_rest == 0.0
+    assert nothing.repaired is None
+    assert found.fit.heldout_after_V == found.fit.heldout_before_V
+
+
+def test_what_could_not_be_seen_is_said(nothing):
+    because = {n.id: n.because for n in nothing.not_excited}
+    assert "storage" in because["self-discharge"]
+    assert all(np.isfinite(v) for v in nothing.search.snr.values())
