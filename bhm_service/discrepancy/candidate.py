@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,6 +15,7 @@ from bhm_service.identification.unknowns import Block, numbers
 from bhm_service.units import Array
 
 _STEPS = "intermittent-contact"
+_STARTS = ("partial-charge", "self-discharge")
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,15 +105,25 @@ class NotExcited:
 
 
 def candidates(
-    flights: Sequence[FlightData], model: ModelName, pack_wh: float
+    flights: Sequence[FlightData],
+    model: ModelName,
+    pack_wh: float,
+    identified: bool = True,
+    joined: Collection[str] = (),
 ) -> tuple[list[Candidate], list[NotExcited]]:
-    """What of the catalogue can be tried on these flights, and what cannot."""
+    """What of the catalogue can be tried on these flights, and what cannot; ``joined`` is in the battery already."""
     known = _known_drivers(flights)
     found: list[Candidate] = []
     missing: list[NotExcited] = []
     for kind in EFFECTS.values():
         if kind.id == _STEPS:
             continue  # its times are found first
+        if kind.id in joined:
+            missing.append(NotExcited(kind.id, "is in the battery file already"))
+            continue
+        if kind.id in _STARTS and not identified:
+            missing.append(NotExcited(kind.id, "the battery file is not of this pack, so its start is open anyway"))
+            continue
         needed = [d for d in kind.drivers if d not in known]
         carriers = [e for e in EFFECTS.values() if set(needed) & set(e.supplies)]
         if needed and not carriers:
@@ -156,7 +167,7 @@ def _candidate(
                 continue
             if p.driver is not None:
                 if p.driver in known:
-                    fixed[f"{part.id}.{p.name}"] = [_driver(f, p.driver) for f in flights]
+                    fixed[f"{part.id}.{p.name}"] = [p.si(_driver(f, p.driver)) for f in flights]
                 continue
             if p.name not in priors:
                 continue

@@ -19,6 +19,7 @@ from bhm_service.units import Array
 
 _SEEN = 0.25  # of a flight's samples
 _FEWEST = 3  # flights
+_NO_WORSE = 1.005  # times the error of the battery as it is, on unseen flights
 _BETTER = 0.1  # of the error on unseen flights: a member whose removal brings this is no explanation
 
 
@@ -67,19 +68,30 @@ def _pooled(parts: list[tuple[float, int]]) -> float:
 
 
 def harmful(found: Search, names: Names, known: dict[Names, list[Array]]) -> bool:
-    """Whether the set predicts unseen flights worse than it does without one of its members."""
-    if len(names) < 2 or len(found.base.flights) < _FEWEST:
+    """Whether the set predicts unseen flights worse than the battery as it is, or than it does without a member."""
+    if not names or len(found.base.flights) < _FEWEST:
         return False
     whole = _unseen_error(found, names, known)
-    return any(_unseen_error(found, names - {m}, known) < (1.0 - _BETTER) * whole for m in names)
+    if whole > _NO_WORSE * _as_it_is(found):
+        return True
+    return len(names) > 1 and any(_unseen_error(found, names - {m}, known) < (1.0 - _BETTER) * whole for m in names)
 
 
 def _unseen_error(found: Search, names: Names, known: dict[Names, list[Array]]) -> float:
     if names not in known:
         known[names] = [_predicted(found, names, k) for k in range(len(found.base.flights))]
+    return _error(found, known[names])
+
+
+def _as_it_is(found: Search) -> float:
+    flights = range(len(found.base.flights))
+    return _error(found, [predicted_from_quarter(found.base, None, k, found.noise) for k in flights])
+
+
+def _error(found: Search, modelled: list[Array]) -> float:
     flights = [
         LeftOutFlight(f.label, v, v, v, f.voltage_v, int(np.ceil(_SEEN * f.time_s.size)))
-        for f, v in zip(found.base.flights, known[names], strict=True)
+        for f, v in zip(found.base.flights, modelled, strict=True)
     ]
     return HeldOut(tuple(flights)).after_v
 
@@ -103,7 +115,7 @@ def _predicted(found: Search, names: Names, left: int) -> Array:
     whole = found.fitted(names)
     others = [k for k in range(len(found.base.flights)) if k != left]
     rest = subset(whole.joint, others)
-    learnt = fit(rest, found.noise, restricted(whole, rest, others), rounds=2)
+    learnt = fit(rest, found.noise, restricted(whole, rest, others), rounds=8)
     return predicted_from_quarter(whole.joint, learnt, left, found.noise)
 
 

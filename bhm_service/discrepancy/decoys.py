@@ -22,6 +22,9 @@ _WARMING_K = 15.0  # by which a phantom pack warms up along a flight
 _SHIFTS = 3  # permutations of the flights' drivers
 
 
+BEATEN = 0.8  # of the phantoms, below which a driver has no claim
+
+
 def contests(found: Search, names: Names, rng: np.random.Generator) -> list[Contest]:
     """The chosen set against itself with phantom temperatures; empty where no member depends on temperature."""
     members = [c for c in found.candidates if c.id in names]

@@ -13,13 +13,13 @@ from bhm_service.discrepancy.advice import advice
 from bhm_service.discrepancy.candidate import NotExcited, candidates
 from bhm_service.discrepancy.confirm import HeldOut, harmful, held_out
 from bhm_service.discrepancy.crossing import Witness, witness
-from bhm_service.discrepancy.decoys import contests
+from bhm_service.discrepancy.decoys import BEATEN, contests
 from bhm_service.discrepancy.explanation import Contest, Course, Explanation
 from bhm_service.discrepancy.findings import ChangePoint, EffectFound, Findings, Fit, Inferred, Quantity, Region
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.flights import FlightData, LeftOut
 from bhm_service.discrepancy.joint import Joint
-from bhm_service.discrepancy.lab import lab_of
+from bhm_service.discrepancy.lab import Lab, lab_of
 from bhm_service.discrepancy.locate import locate, regime_maps, variables
 from bhm_service.discrepancy.repair import flying, repaired, retuned
 from bhm_service.discrepancy.search import LEAST_SNR, NEAR, Names, Progress, Search, search
@@ -60,7 +60,7 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
         )
     lab = lab_of(request.battery, request.model, request.series, request.capacity_c)
     base = Joint(lab, flights)
-    tried, missing = candidates(flights, lab.model, _CELL_V * lab.series * lab.capacity_c / SECONDS_PER_HOUR)
+    tried, missing = candidates(flights, lab.model, _energy_wh(lab), lab.identified, [e.id for e in lab.effects])
     progress("the battery as it is")
     found = search(base, tried, progress)
     progress("which of them stands")
@@ -72,7 +72,7 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
     proof = held_out(found, chosen.names)
     progress("phantom drivers")
     rivals = contests(found, chosen.names, rng)
-    courses = _courses(base, fitted)
+    courses = courses_of(base, fitted)
     dull = [
         NotExcited(c.id, f"of its usual size it would stand {found.snr[c.id]:.1f} sigma out of noise and lab errors")
         for c in tried
@@ -106,19 +106,23 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
     )
 
 
+def _energy_wh(lab: Lab) -> float:
+    return _CELL_V * lab.series * lab.capacity_c / SECONDS_PER_HOUR
+
+
 def _witness(request: Request, found: Search, flights: tuple[FlightData, ...]) -> Witness | None:
     """The file's other cell model on the same flights; None where it has only one."""
     other: ModelName = "chem" if request.model == "circ" else "circ"
     if (request.battery.chem if other == "chem" else request.battery.circ) is None:
         return None
     lab = lab_of(request.battery, other, request.series, request.capacity_c)
-    tried, _ = candidates(flights, other, _CELL_V * lab.series * lab.capacity_c / SECONDS_PER_HOUR)
+    tried, _ = candidates(flights, other, _energy_wh(lab), lab.identified, [e.id for e in lab.effects])
     contacts = [c for c in found.candidates if c.price > 0.0]
     return witness(lab, found.base, [*tried, *contacts])
 
 
 def _significant(found: Search, second: Witness | None, rng: np.random.Generator) -> tuple[Selection, dict[str, float]]:
-    """The best set of which every member beats noise alone, harms on no unseen flight and has the other model's word.
+    """The best set that beats noise and phantom drivers, harms on no unseen flight and has the other model's word.
 
     Sets are dropped one by one; a catalogue of which the best are all refuted has nothing to say.
     """
@@ -130,6 +134,7 @@ def _significant(found: Search, second: Witness | None, rng: np.random.Generator
         if not chosen.names or (
             all(p <= _SIGNIFICANT for p in p_values.values())
             and not harmful(found, chosen.names, unseen)
+            and _drivers_hold(found, chosen.names, rng)
             and (second is None or min(second.earned(chosen.names).values()) >= NEAR)
         ):
             return chosen, p_values
@@ -137,7 +142,13 @@ def _significant(found: Search, second: Witness | None, rng: np.random.Generator
     return Selection(frozenset(), (), {}, {}), {}
 
 
-def _courses(base: Joint, fitted: Fitted) -> list[Course]:
+def _drivers_hold(found: Search, names: Names, rng: np.random.Generator) -> bool:
+    """Whether what drives the set's effects beats the phantoms; true where nothing drives them."""
+    rivals = contests(found, names, rng)
+    return not rivals or float(np.mean([c.beaten for c in rivals])) >= BEATEN
+
+
+def courses_of(base: Joint, fitted: Fitted) -> list[Course]:
     """Every flight by the battery as it is and by the explanation; hidden states with their spread."""
     joint = fitted.joint
     bare = base.unknowns.start

@@ -21,6 +21,7 @@ _UNUSABLE_SHARE = 0.2  # of samples without current
 _GAUGE_LOW, _GAUGE_HIGH = 0.05, 0.97  # a gauge that says more than this at the start says "full"
 _TEMPERATURE_S = 60.0  # a pack's temperature does not move faster; one degree of rounding does
 _CELL_V = (2.3, 4.45)
+_CHARGED_V = 3.3  # of a cell that anybody takes off with
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -165,7 +166,7 @@ def _flight(
         return None, "has no measured current" if not known.any() else "its current is missing in too many samples"
     gap = float(np.max(np.diff(time_s[known])))
     usual = float(np.median(np.diff(time_s)))
-    if gap > max(_LONGEST_GAP_S, 5.0 * usual):
+    if gap > max(_LONGEST_GAP_S, 15.0 * usual):
         return None, f"its current is not known for {gap:.0f} s"
     if not np.isfinite(recording.voltage_v[part]).sum() > 20:
         return None, "has no measured voltage"
@@ -253,7 +254,7 @@ def _one_pack(flights: Sequence[FlightData], series: int) -> None:
     for data in flights:
         volts = data.voltage_v[np.isfinite(data.voltage_v)]
         low, high = float(np.quantile(volts, 0.05)), float(np.quantile(volts, 0.95))
-        if low < _CELL_V[0] * series or high > _CELL_V[1] * series:
+        if low < _CELL_V[0] * series or not _CHARGED_V * series < high < _CELL_V[1] * series:
             likely = round(high / 4.0)
             raise BadInputError(
                 data.label,

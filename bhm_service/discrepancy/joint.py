@@ -18,14 +18,13 @@ from bhm_service.discrepancy.noise import Noise
 from bhm_service.identification.unknowns import Block, Unknowns, joined, numbers
 from bhm_service.units import Array
 
-FULL_SD, GAUGE_SD, GENERIC_SD = (
-    0.01,
-    0.02,
-    0.05,
-)  # of the state of charge at the start: charged full, by a gauge, guessed
+# Of the state of charge at the start: charged full, by a gauge, and of a pack that nobody identified.
+FULL_SD, GAUGE_SD, GENERIC_SD = 0.01, 0.02, 0.08
 _REST_SD_V = 0.002  # of a cell, beside what the open-circuit curve is known to
 _STEP = 1e-3  # of finite differences, in standard deviations of what was known before
 _STARTS = "start_soc"
+_PACKS = "pack_resistance"
+_PACKS_SD = 0.1  # of the logarithm: packs of one kind that nobody identified, from flight to flight
 
 Places: TypeAlias = NDArray[np.intp]
 
@@ -66,9 +65,10 @@ class Joint:
         starts = Block(
             name=_STARTS, start=mean, low=np.full(mean.size, 0.02), high=np.full(mean.size, 1.06), prior=mean, sd=sd
         )
+        packs = [] if self.lab.identified else [_about_zero(_PACKS, len(self.flights), _PACKS_SD)]
         members = [b for c in self.members for b in c.blocks(len(self.flights))]
         forms = [b for c in self.members for b in self._form_blocks(c.id)]
-        return joined(self.lab.blocks(), [starts], members, self.lab.additions(), forms)
+        return joined(self.lab.blocks(), [starts], packs, members, self.lab.additions(), forms)
 
     @cached_property
     def _adding(self) -> frozenset[str]:
@@ -85,13 +85,15 @@ class Joint:
         ]
 
     def _start_sd(self, flight: FlightData) -> float:
+        if not self.lab.identified:
+            return GENERIC_SD
         return FULL_SD if flight.reading is None else GAUGE_SD
 
     @cached_property
     def per_flight(self) -> frozenset[str]:
         """Blocks that hold one number for every flight."""
         own = {u.name for c in self.members for u in c.unknowns if u.per_flight}
-        return frozenset({_STARTS} | own | {f"form_flight.{c.id}" for c in self.members})
+        return frozenset({_STARTS, _PACKS} | own | {f"form_flight.{c.id}" for c in self.members})
 
     @cached_property
     def _columns(self) -> list[Places]:
@@ -134,7 +136,7 @@ class Joint:
         values = self.values(x)
         return [
             *self.lab.effects,
-            LabError(values),
+            LabError(values, values[_PACKS][:, flight : flight + 1] if _PACKS in values else 0.0),
             *(e for c in self.members for e in c.effects(values, flight)),
         ]
 

@@ -196,10 +196,10 @@ def _ohm(cell: CellModel) -> float:
 class LabError(Effect):
     """The scales of a well identified model, as an effect; many candidates (M, 1) in one call."""
 
-    def __init__(self, values: dict[str, Array]) -> None:
+    def __init__(self, values: dict[str, Array], pack: Value = 0.0) -> None:
         polarisation = np.exp(-values["lab_polarisation"])
         self._by = Modifiers(
-            resistance=np.exp(values["lab_resistance"]),
+            resistance=np.exp(values["lab_resistance"] + pack),
             kinetics=polarisation,
             diffusion=polarisation,
             capacity=np.exp(values["lab_capacity"]),

@@ -56,8 +56,7 @@ def _joined(fitted: Fitted, member: Candidate, key: str, kind: type[Effect]) -> 
     if kind.id == "intermittent-contact":
         return None
     last = {name.rsplit(".", 1)[1]: told[-1] for name, told in member.fixed.items() if name.startswith(f"{key}.")}
-    scales = {p.name: p.scale for p in kind.parameters()}
-    return Joined(effect=kind(**given, **{n: v * scales[n] for n, v in last.items()}), sd=spread)
+    return Joined(effect=kind(**given, **last), sd=spread)
 
 
 def retuned(battery: BatteryFile, fitted: Fitted) -> BatteryFile:

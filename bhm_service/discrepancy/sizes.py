@@ -327,8 +327,8 @@ def _resistance_shape(s: Scene) -> str:
 
 
 def _intermittent_contact(s: Scene) -> str:
-    ohm, begins, ends = (np.atleast_1d(s.values[name]) for name in ("resistance", "begin", "end"))
-    begins, ends = begins.reshape(ohm.size, -1), ends.reshape(ohm.size, -1)
+    ohm = np.ravel(s.values["resistance"])  # one for every episode; its times are of its own flight, zero on others
+    begins, ends = (np.reshape(s.values[name], (ohm.size, -1)) for name in ("begin", "end"))
     told = []
     for k in range(ohm.size):
         at = int(np.argmax(ends[k] - begins[k]))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bhm_service.discrepancy.decoys import BEATEN
 from bhm_service.discrepancy.explanation import Contest, Course
 from bhm_service.discrepancy.findings import Verdict
 from bhm_service.discrepancy.fitting import Fitted
@@ -16,7 +17,6 @@ from bhm_service.discrepancy.selection import LEAST_V, Selection
 from bhm_service.units import Array
 
 SENSORS = frozenset({"current-gain", "current-offset", "voltage-gain", "voltage-offset", "time-skew"})
-_BEATEN = 0.8  # of the phantom drivers, below which a name is one of several
 _SHIFTED = 3.0  # standard deviations of the lab by which a parameter has moved
 _SLOW_S = 15.0  # misfit faster than this is noise
 _REST = 0.15  # of the misfit: what is left beyond this is said to be left
@@ -45,7 +45,7 @@ def judge(
     named = chosen.names
     verdict: Verdict
     if named:
-        unproven = rivals and float(np.mean([c.beaten for c in rivals])) < _BEATEN
+        unproven = bool(rivals) and float(np.mean([c.beaten for c in rivals])) < BEATEN
         alone: Verdict = "sensor-suspect" if named <= SENSORS else "named"
         verdict = "ambiguous" if chosen.alternatives or unproven else alone
     elif strange:

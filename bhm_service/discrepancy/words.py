@@ -109,11 +109,10 @@ def values_of(fitted: Fitted, effect_id: str) -> dict[str, Value]:
         for key in keys:
             for u in (u for u in member.unknowns if u.effect == key):
                 rows.setdefault(u.declared.name, []).append(values[u.name][0])
-            for name in (n for n in member.fixed if n.startswith(f"{key}.")):
-                rows.setdefault(name.rpartition(".")[2], []).append(np.asarray(member.fixed[name], dtype=float))
+            for name in ("begin", "end"):  # times of an episode; drivers are in the flights' notes
+                if f"{key}.{name}" in member.fixed:
+                    rows.setdefault(name, []).append(np.asarray(member.fixed[f"{key}.{name}"], dtype=float))
         found = {name: np.squeeze(np.stack(told)) for name, told in rows.items()}
-        if len(keys) == 1 and "begin" in found:  # one episode is still a row
-            found = {name: np.atleast_2d(told) for name, told in found.items()}
     return found
 
 

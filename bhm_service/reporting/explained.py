@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bhm_service.discrepancy.explanation import Course, Explanation
-from bhm_service.discrepancy.search import NATS
+from bhm_service.discrepancy.search import NEAR
 from bhm_service.discrepancy.sizes import flight_name
 from bhm_service.reporting import explained_tables as tables
 from bhm_service.reporting.explained_figure import fitted_figure, held_out_figure, hidden_figure, map_figure
@@ -47,8 +47,8 @@ def explained_page(e: Explanation) -> str:
         regions=tables.regions(e),
         effects=tables.effects(e),
         parameter_header=tables.PARAMETER_HEADER,
-        least=f"{NATS:.0f}",
-        odds=f"{np.exp(NATS):.0f}",
+        least=f"{NEAR:.0f}",
+        odds=f"{np.exp(NEAR):.0f}",
         voltages=voltages,
         held_out=tables.held_out(e),
         flight_header=tables.FLIGHT_HEADER,

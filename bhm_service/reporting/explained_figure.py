@@ -46,7 +46,7 @@ def map_figure(e: Explanation) -> Any:
         _bars(plot, told, known, labels, place, first=k == 0)
         for low, high in _marked(e, told):
             plot.add_vrect(
-                x0=known.factor * low, x1=known.factor * high, fillcolor=_REGION, opacity=0.25, line_width=0,
+                x0=known.factor * low, x1=known.factor * high, fillcolor=_REGION, opacity=0.2, line_width=0,
                 **place,
             )  # fmt: skip
             marked = True

@@ -12,7 +12,7 @@ from bhm_service.battery.parameters import Parameter
 from bhm_service.discrepancy.confirm import LeftOutFlight
 from bhm_service.discrepancy.explanation import Explanation
 from bhm_service.discrepancy.findings import EffectFound, Quantity
-from bhm_service.discrepancy.search import NATS, Names
+from bhm_service.discrepancy.search import NEAR, Names, needed
 from bhm_service.discrepancy.sizes import flight_name
 from bhm_service.discrepancy.words import region_in_words
 from bhm_service.reporting.words import duration
@@ -51,7 +51,8 @@ def effects(e: Explanation) -> list[EffectBlock]:
 def _effect(e: Explanation, found: EffectFound, words: str) -> EffectBlock:
     kind = EFFECTS[found.id]
     grounds = [
-        f"Evidence: {_nats(found.evidence_nats)} beyond the best explanation without it; {NATS:.0f} are asked for.",
+        f"Evidence: {_nats(found.evidence_nats)} beyond the best explanation without it; "
+        f"{needed(found.id):.0f} are asked for.",
         f"{100.0 * found.share_of_misfit:.0f} % of the squared voltage error goes with it.",
         f"Chance that noise alone makes any effect of the catalogue look as good: {_chance(found.p_familywise)}.",
     ]
@@ -131,18 +132,18 @@ def _rival(e: Explanation, names: Names, own: float, *, equal: bool) -> tuple[st
     evidence = _evidence(e, names)
     behind = None if evidence is None else own - evidence
     shown = "-" if behind is None else f"{_nats(behind)}{' ahead' if behind < 0.0 else ''}"
-    return title(names), shown, _standing(e, behind, equal=equal), _manoeuvre(e.selection.names, names)
+    return title(names), shown, _standing(e, names, behind, equal=equal), _manoeuvre(e.selection.names, names)
 
 
-def _standing(e: Explanation, behind: float | None, *, equal: bool) -> str:
+def _standing(e: Explanation, names: Names, behind: float | None, *, equal: bool) -> str:
     if equal:
         return "cannot be told apart"
     if behind is None:
         return "-"
     if not e.selection.names:
-        return f"not shown: {NATS:.0f} nats ahead are asked for"
-    if behind < NATS:
-        return "refused: a part of it is too small, no better than noise, or beyond what is physical"
+        return f"not shown: {max(map(needed, names)):.0f} nats ahead are asked for"
+    if behind < NEAR:
+        return "refused: a part of it is too small, earns too little, or is beyond what is physical"
     return "ruled out" if behind > _CERTAIN_NATS else f"unlikely, 1 to {np.exp(behind):.0f}"
 
 

@@ -133,10 +133,7 @@ def test_a_thinned_flight_has_the_same_course_in_fewer_samples(read):
 # ---- refused -------------------------------------------------------------------------------------------------------
 
 
-NOT_YET = pytest.mark.xfail(strict=True, reason="a full pack of 4 cells passes for an empty one of 6")
-
-
-@pytest.mark.parametrize("cells", [2, 3, pytest.param(4, marks=NOT_YET), 8, 12])
+@pytest.mark.parametrize("cells", [2, 3, 4, 8, 12])
 def test_a_pack_of_another_number_of_cells_is_refused_with_what_the_log_looks_like(read, cells):
     with pytest.raises(BadInputError, match=rf"0\.csv: .*the battery file has 6 cells .*the log looks like {cells}"):
         read(columns(cells=cells))

@@ -11,6 +11,7 @@ from bhm_service.discrepancy.findings import EffectFound, Findings, Fit, Region
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.sizes import flights_in_words
+from bhm_service.discrepancy.steps import Episode, contact_candidate
 from bhm_service.discrepancy.toll import tolls
 from bhm_service.discrepancy.words import effect_in_words, moved_of, region_in_words, sentence, values_of
 
@@ -135,6 +136,20 @@ def test_values_of_a_fit_are_in_declared_units_and_one_a_flight_where_flights_di
     assert values_of(fitted, "hysteresis") == pytest.approx({"amplitude": 21.0, "reach": 0.07, "begin": -0.5})
     assert values_of(fitted, "partial-charge")["deficit"] == pytest.approx([0.12, 0.05])
     assert moved_of(fitted) == pytest.approx({"resistance": 0.18, "capacity": 0.0})
+
+
+def test_episodes_of_a_contact_keep_their_times_and_flights():
+    flights = tuple(flown(flight(k)) for k in (1, 2))
+    found = [Episode(0, 60.0, 100.0, 0.01, 3.0, open_end=False), Episode(1, 120.0, 200.0, 0.01, 3.0, open_end=True)]
+    for count, words in ((1, "1:00 to 1:40 of flight 01"), (2, "2:00 to the end of flight 02")):
+        joint = Joint(lab(), flights, (contact_candidate(found[:count], 2),))
+        x = joint.unknowns.start
+        fitted = Fitted(joint=joint, noise=NOISE, x=x, cost=0.0, rows=[], slopes=[], curvature=np.eye(x.size))
+        text = effect_in_words(
+            "intermittent-contact", values_of(fitted, "intermittent-contact"), lab(), flights,
+            [course(f) for f in flights],
+        )  # fmt: skip
+        assert words in text
 
 
 # ---- sentences ------------------------------------------------------------------------------------------------------
