@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 
+from bhm_service.apps.duel import DuelApp
 from bhm_service.apps.estimator import EstimatorApp
 from bhm_service.apps.housekeeping import HousekeepingApp
 from bhm_service.apps.limits import LimitsApp, Reserves
@@ -21,7 +22,7 @@ from bhm_service.config import Service, Vehicle
 from bhm_service.errors import BadInputError
 from bhm_service.estimation.tracker import Tracker
 from bhm_service.executive import Supervised
-from bhm_service.messages import Model
+from bhm_service.messages import Model, Standing
 from bhm_service.prediction.demand import Load, hover_power
 from bhm_service.prediction.end_of_discharge import Limits
 from bhm_service.telemetry import default_airborne_a, resting_a
@@ -37,6 +38,7 @@ class Equipment:
     vehicle: Vehicle
     battery: BatteryFile
     battery_text: str = ""  # the battery file as it was read
+    shadow: Equipment | None = None  # the same with another battery file, which flies in the shadow of this one
 
     @property
     def series(self) -> int:
@@ -63,6 +65,8 @@ class Equipment:
         pack = self.vehicle.battery.model_dump_json(exclude={"file"})
         models = ",".join(estimator.model for estimator in service.estimators)
         text = self.battery_text or repr(self.battery)
+        if self.shadow is not None:
+            text += self.shadow.battery_text
         return hashlib.sha256(f"{pack}\n{models}\n{text}".encode()).hexdigest()
 
     def tracker(self, model: Model) -> Tracker:
@@ -88,12 +92,22 @@ def assemble(
     service: Service,
     sinks: Iterable[App] = (),
     stopwatch: Callable[[], float] | None = None,
+    standing: Standing | None = None,
 ) -> Bus:
     """The bus of the service; ``sinks`` hear what they like of it (the wire, a log, a screen)."""
+    counters: dict[str, Counters] = {}
+    makers = _chain(equipment, service)
+    if equipment.shadow is not None:
+        makers = [_duel(equipment, equipment.shadow, service, counters, standing or Standing(time_s=0.0))]
+    makers += [lambda: HousekeepingApp(counters), *(partial(_given, sink) for sink in sinks)]
+    return _bus(makers, counters, stopwatch)
+
+
+def _chain(equipment: Equipment, service: Service) -> list[Callable[[], App]]:
+    """From the autopilot's messages to what the ground is told."""
     settings, capacity_a = equipment.vehicle.battery, equipment.capacity_c / SECONDS_PER_HOUR
     trackers = {Model(e.model): equipment.tracker(Model(e.model)) for e in service.estimators}
-    counters: dict[str, Counters] = {}
-    makers: list[Callable[[], App]] = [
+    return [
         lambda: ReaderApp(  # autopilot -> BatterySample, FlightPhase, PackChange
             settings.id,
             equipment.series,
@@ -121,9 +135,28 @@ def assemble(
                 landing_soc=service.reserves.landing_soc,
             )
         ),
-        lambda: HousekeepingApp(counters),  # counters -> Housekeeping
-        *(partial(_given, sink) for sink in sinks),
     ]
+
+
+def _duel(
+    equipment: Equipment, shadow: Equipment, service: Service, counters: dict[str, Counters], standing: Standing
+) -> Callable[[], App]:
+    """Two chains on buses of their own, whose apps are counted under their side's name."""
+
+    def side(name: str, carried: Equipment) -> Bus:
+        own: dict[str, Counters] = {}
+        bus = _bus(_chain(carried, service), own)
+        counters.update({f"{name} {app}": counted for app, counted in own.items()})
+        return bus
+
+    return lambda: DuelApp(lambda: side("old", equipment), lambda: side("new", shadow), standing)
+
+
+def _bus(
+    makers: Iterable[Callable[[], App]],
+    counters: dict[str, Counters],
+    stopwatch: Callable[[], float] | None = None,
+) -> Bus:
     return Bus([_supervised(make, counters) for make in makers], counters, stopwatch)
 
 

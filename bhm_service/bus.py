@@ -82,8 +82,8 @@ class Bus:
             for kind in app.hears:
                 self._hearers.setdefault(kind, []).append(app)
 
-    def publish(self, message: Message) -> None:
-        """Deliver a message from outside, and everything that follows from it."""
+    def publish(self, message: Message, tell: Callable[[Message], object] | None = None) -> None:
+        """Deliver a message from outside, and everything that follows from it; ``tell`` gets all of that."""
         self._deliver(message)
         busy = True
         while busy:
@@ -94,6 +94,8 @@ class Bus:
                     busy = True
                     for answer in self._serve(app, pipe.popleft()):
                         self._deliver(answer)
+                        if tell is not None:
+                            tell(answer)
 
     def _serve(self, app: App, message: Message) -> Sequence[Message]:
         counters = self.counters[app.name]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 from bhm_service.assembly import Equipment
@@ -45,7 +46,16 @@ def equipment_of(vehicle: Path, battery: Path | None, battery_id: int | None = N
     if battery is None and not file.is_file():
         raise BadInputError(str(vehicle), f"battery.file = {said.battery.file!r}: no such file")
     known = read_battery(file)
-    return Equipment(vehicle=_with_id(said, battery_id), battery=known, battery_text=file.read_text(encoding="utf-8"))
+    carried = Equipment(
+        vehicle=_with_id(said, battery_id), battery=known, battery_text=file.read_text(encoding="utf-8")
+    )  # fmt: skip
+    if known.shadow is None:
+        return carried
+    other = file.parent / known.shadow
+    if not other.is_file():
+        raise BadInputError(str(file), f"shadow.file = {known.shadow!r}: no such file")
+    shadow = replace(carried, battery=read_battery(other), battery_text=other.read_text(encoding="utf-8"))
+    return replace(carried, shadow=shadow)
 
 
 def recorded_equipment(recorded: Recorded, where: str) -> tuple[Equipment, Service] | None:
@@ -53,16 +63,19 @@ def recorded_equipment(recorded: Recorded, where: str) -> tuple[Equipment, Servi
     head = recorded.head
     if not {"vehicle", "battery", "service"} <= head.keys():
         return None
+    vehicle = checked(Vehicle, head["vehicle"], f"{where}, vehicle")
+    equipment = _recorded_with(vehicle, head["battery"], where)
+    if head.get("shadow"):
+        equipment = replace(equipment, shadow=_recorded_with(vehicle, head["shadow"], where))
+    return equipment, checked(Service, head["service"], f"{where}, service file")
+
+
+def _recorded_with(vehicle: Vehicle, text: str, where: str) -> Equipment:
     try:
-        tables = tomllib.loads(head["battery"])
+        tables = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, TypeError) as why:
         raise BadInputError(where, f"its battery file cannot be read: {why}") from None
-    equipment = Equipment(
-        vehicle=checked(Vehicle, head["vehicle"], f"{where}, vehicle"),
-        battery=checked_battery(tables, f"{where}, battery file"),
-        battery_text=head["battery"],
-    )
-    return equipment, checked(Service, head["service"], f"{where}, service file")
+    return Equipment(vehicle=vehicle, battery=checked_battery(tables, f"{where}, battery file"), battery_text=text)
 
 
 def _with_id(vehicle: Vehicle, battery_id: int | None) -> Vehicle:

@@ -127,3 +127,15 @@ def restore(apps: Iterable[App], remembered: Mapping[str, Any]) -> None:
                 raise NotThisKindError(f"{app.name}: {why}") from None
     for app, state in ready:
         app.restore(state)
+
+
+def reader_state(remembered: Mapping[str, Any]) -> Any:
+    """What the reader remembers, also that of the old physics where two chains fly."""
+    duel = remembered.get("duel")
+    return (remembered if duel is None else duel["old"]).get("reader")
+
+
+def is_airborne(remembered: Mapping[str, Any]) -> bool:
+    """Whether the vehicle flies, as far as the reader knows."""
+    reader = reader_state(remembered)
+    return reader is not None and bool(reader["phases"]["airborne"])

@@ -340,6 +340,8 @@ class EventCode(Enum):
     CHECKPOINT_REFUSED = "checkpoint refused"
     CHECKPOINT_NOT_WRITTEN = "checkpoint not written"
     RECORDING_STOPPED = "recording stopped"
+    SHADOW_IN_CHARGE = "new physics in charge"
+    SHADOW_ROLLED_BACK = "back to the old physics"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -360,6 +362,17 @@ class StatusText:
     time_s: float
     severity: Severity
     text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Standing:
+    """How new physics in the shadow of the old stands, at each landing and at each change of charge."""
+
+    time_s: float
+    flights: int = 0  # that count, since the shadow began or was last sent back
+    shadow_in_charge: bool = False
+    old_score: float = 0.0  # [nat] rolling log score of the measured voltage, a sample
+    new_score: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -405,6 +418,7 @@ Message: TypeAlias = (
     | RemainingTime
     | NamedValue
     | StatusText
+    | Standing
     | Event
     | Housekeeping
 )

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from bhm_service.apps.reader import ReaderState
 from bhm_service.checkpoint import Checkpoint, CheckpointFile, Witness, refusal
 from bhm_service.codec import NotThisKindError, unpacked
+from bhm_service.executive import reader_state
 from bhm_service.messages import BatterySample, Heartbeat, Message
 from bhm_service.telemetry import SampleMerger
 
@@ -88,9 +89,9 @@ class Resumption:
         if why is not None:
             return Verdict(why, age)
         try:
-            before = unpacked(ReaderState, self.kept.states.get("reader"))
-        except NotThisKindError as not_this:
-            return Verdict(str(not_this), age)
+            before = unpacked(ReaderState, reader_state(self.kept.states))
+        except (NotThisKindError, KeyError, TypeError, AttributeError) as not_this:
+            return Verdict(f"it cannot be understood: {not_this}", age)
         before.watch.interrupt("the service was away")
         change = before.watch.add(replace(sample, time_s=self.kept.time_s + age), before.phases.airborne)
         return Verdict(None if change is None else f"another pack: {change.because}", age)

@@ -25,6 +25,7 @@ from bhm_service.messages import Message, NamedValue, StatusText
 from bhm_service.reporting.screen import Screen
 from bhm_service.resumption import Run
 from bhm_service.session import Memory, Recording, Session
+from bhm_service.standing import StandingFile
 from bhm_service.telemetry import options_parameter
 from bhm_service.watchdog import Notifier
 
@@ -95,6 +96,11 @@ def _session(equipment: Equipment, settings: Service, links: Links, screen: Scre
         segments = Segments(folder / recorder.folder, round(recorder.size_mb * 1e6))
         recording = Recording(segments, _head(equipment, settings))
         sinks = [Wire(links, segments.add), screen, RecorderApp(segments.add)]
+    standing = None
+    if folder is not None and equipment.shadow is not None:
+        kept = StandingFile(folder / "standing.json", equipment.fingerprint(settings))
+        standing = kept.read()
+        sinks.append(kept)
     if folder is not None and checkpoint.file is not None:
         run = Run(
             version=version("bhm-service"),
@@ -104,7 +110,7 @@ def _session(equipment: Equipment, settings: Service, links: Links, screen: Scre
             max_age_s=checkpoint.max_age_s,
         )
         memory = Memory(run, CheckpointFile(folder / checkpoint.file))
-    bus = assemble(equipment, settings, sinks, stopwatch=time.perf_counter)
+    bus = assemble(equipment, settings, sinks, time.perf_counter, standing)
     return Session(bus, memory, recording, time.monotonic())
 
 
@@ -115,6 +121,7 @@ def _head(equipment: Equipment, settings: Service) -> dict[str, Any]:
         "unix_s": time.time(),
         "vehicle": equipment.vehicle.model_dump(mode="json"),
         "battery": equipment.battery_text,
+        "shadow": None if equipment.shadow is None else equipment.shadow.battery_text,
         "service": settings.model_dump(mode="json"),
     }
 

@@ -12,7 +12,7 @@ from typing import Any
 from bhm_service.bus import Bus
 from bhm_service.checkpoint import Checkpoint, CheckpointFile, Witness
 from bhm_service.codec import NotThisKindError
-from bhm_service.executive import restore, states
+from bhm_service.executive import is_airborne, restore, states
 from bhm_service.flight_recorder import Segments
 from bhm_service.messages import Event, EventCode, LinkReport, LinkState, Message, Severity, Tick
 from bhm_service.resumption import Resumption, Run, Verdict, kept_for
@@ -50,7 +50,7 @@ class Memory:
         """Write the checkpoint; why that fails, when it begins to, else nothing."""
         if self._witness.system is None or self._witness.boot_at_s is None or self.resumption is not None:
             return ""
-        airborne = bool((remembered.get("reader") or {}).get("phases", {}).get("airborne"))
+        airborne = is_airborne(remembered)
         landed, self._airborne = self._airborne and not airborne, airborne
         kept = Checkpoint(
             time_s=now_s,
@@ -156,7 +156,7 @@ class Session:
             failed = memory.keep(now, monotonic_s, remembered, ending)
             self._tell(now, failed, EventCode.CHECKPOINT_NOT_WRITTEN)
         if self._recording is not None:
-            airborne = bool((remembered.get("reader") or {}).get("phases", {}).get("airborne"))
+            airborne = is_airborne(remembered)
             stopped = self._recording.second(now, remembered, airborne)
             self._tell(now, stopped, EventCode.RECORDING_STOPPED)
 

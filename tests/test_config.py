@@ -127,3 +127,19 @@ def test_a_signing_key_is_found_from_where_the_service_file_is(tmp_path):
     assert read_service(path).link.signing_key == tmp_path / "keys" / "mine.key"
     path.write_text('[link]\nsigning_key = "/etc/bhm/mavlink.key"\n')
     assert str(read_service(path).link.signing_key) == "/etc/bhm/mavlink.key"
+
+
+def test_a_battery_file_may_name_another_that_flies_in_its_shadow(written, tmp_path):
+    text = shipped("batteries", "generic-lipo.toml").read_text()
+    (tmp_path / "new.toml").write_text(text)
+    (tmp_path / "old.toml").write_text(text + '\n[shadow]\nfile = "new.toml"\n')
+    equipment = equipment_of(written, tmp_path / "old.toml")
+    assert equipment.shadow.battery_text == text
+    assert equipment.shadow.vehicle == equipment.vehicle
+    assert equipment.shadow.shadow is None
+    alone = equipment_of(written, tmp_path / "new.toml")
+    assert alone.shadow is None
+    assert alone.fingerprint(Service()) != equipment.fingerprint(Service())
+    (tmp_path / "new.toml").unlink()
+    with pytest.raises(BadInputError, match=r"shadow.file = 'new.toml': no such file"):
+        equipment_of(written, tmp_path / "old.toml")

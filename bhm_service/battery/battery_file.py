@@ -48,6 +48,7 @@ class BatteryFile:
     joined: tuple[Joined, ...] = ()
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     sd: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # SI, per model and parameter
+    shadow: str | None = None  # another battery file, relative to this one, that flies in its shadow
 
     def effects(self, model: ModelName) -> tuple[Effect, ...]:
         """The effects that a model's pack has."""
@@ -69,6 +70,10 @@ class _Quantity(_Strict):
     value: Annotated[float, Field(allow_inf_nan=False)]
     sd: Annotated[float | None, Field(ge=0.0)] = None
     unit: str | None = None
+
+
+class _Shadow(_Strict):
+    file: str
 
 
 class _Cubic(_Strict):
@@ -138,6 +143,7 @@ def _schema() -> type[BaseModel]:
         "chem": (chem | None, None),
         "effect": (tuple[union, ...], ()),
         "uncertainty": (section("Uncertainty", Uncertainty) | None, None),
+        "shadow": (_Shadow | None, None),
     }
     return create_model("Battery", __base__=_Strict, **fields)
 
@@ -174,6 +180,7 @@ def checked_battery(tables: dict[str, Any], where: str) -> BatteryFile:
         joined=tuple(joined),
         uncertainty=Uncertainty(**_si(Uncertainty, given.uncertainty)[0]) if given.uncertainty else Uncertainty(),
         sd=sd,
+        shadow=None if given.shadow is None else given.shadow.file,
     )
 
 
@@ -217,6 +224,8 @@ def write_battery(path: Path, battery: BatteryFile) -> None:
         section.add("a_n", _numbers(battery.chem.a_n).comment("[J/mol] A_n,k: negative electrode"))
         document["chem"] = section
     document["uncertainty"] = _section(battery.uncertainty, {})
+    if battery.shadow is not None:
+        document["shadow"] = {"file": battery.shadow}
     if battery.joined:
         tables = tomlkit.aot()
         for joined in battery.joined:

@@ -57,6 +57,7 @@ class Vehicle:
     port: int
     flight_s: float = 300.0
     left: float = 0.9
+    ground_s: float = 2.0  # before take-off
     beside: int | None = None  # another service's port, which gets the same
     speed: float = 1.0
     heard: list[tuple[float, WireFrame]] = field(default_factory=list)
@@ -73,7 +74,7 @@ class Vehicle:
         self._thread.join()
 
     def _fly(self) -> None:
-        vehicle = Multirotor(SimulatedPack(4, 5.0, left=self.left), hover_plan(240.0, self.flight_s, 2.0), 1)
+        vehicle = Multirotor(SimulatedPack(4, 5.0, left=self.left), hover_plan(240.0, self.flight_s, self.ground_s), 1)
         autopilot = Autopilot()
         links = [_Ear(self.port, self.heard)]
         if self.beside is not None:

@@ -21,11 +21,11 @@ def test_after_each_of_fifty_kills_it_is_back_in_three_seconds_with_the_same_fly
         (tmp_path / name).mkdir()
     path, spared_path = config(tmp_path / "killed", port), config(tmp_path / "spared", other)
     back_s, gaps = [], []
-    with flying(port, flight_s=900.0, left=1.0, beside=other) as vehicle:
+    # Both are there before the take-off: what is compared is one start from a rested pack.
+    with flying(port, flight_s=900.0, left=1.0, ground_s=20.0, beside=other) as vehicle:
         nice = as_the_unit_does()
         spared, service = start(spared_path, nice), start(path, nice)
-        vehicle.wait_for("BHM_RFT", 0.0, 40.0)
-        time.sleep(20.0)
+        time.sleep(45.0)
         for k in range(KILLS):
             time.sleep(moments.uniform(0.1, 8.0))
             killed = time.monotonic()
@@ -44,7 +44,7 @@ def test_after_each_of_fifty_kills_it_is_back_in_three_seconds_with_the_same_fly
                 for ms in [fields["time_boot_ms"]]}  # fmt: skip
     for _, fields in vehicle.named("BHM_RFT"):
         second = fields["time_boot_ms"] // 1000
-        if second in expected and expected[second] > 60.0 and second > 35:
+        if second in expected and expected[second] > 60.0 and second > 45:
             gaps.append(abs(fields["value"] / expected[second] - 1.0))
     silent = max(b - a for a, b in pairwise(when for when, _ in vehicle.values("BHM_RFT")))
     with capsys.disabled():
