@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import tomlkit
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from bhm_service.battery.battery_file import ModelName, read_battery, write_battery
+from bhm_service.battery.battery_file import BatteryFile, ModelName, read_battery, write_battery
 from bhm_service.config import read_vehicle
 from bhm_service.discrepancy.explain import Request, explain
 from bhm_service.discrepancy.explanation import Explanation
@@ -81,6 +83,9 @@ def explain_logs(task: Task) -> int:
         for line in explained_lines(found):
             out.print(line)
         out.print(f"written: findings.json and {_PAGE} in {task.output}", markup=False, soft_wrap=True)
+    if task.install:
+        said = "nothing to install" if found.repaired is None else f"installed: {install(task, found.repaired)}"
+        err.print(said, markup=False, soft_wrap=True)
     return 0
 
 
@@ -105,6 +110,25 @@ def _written(task: Task, found: Explanation) -> Explanation:
     found = replace(found, findings=findings)
     (task.output / _PAGE).write_text(explained_page(found), encoding="utf-8")
     return found
+
+
+def install(task: Task, battery: BatteryFile) -> Path:
+    """Put the repaired battery beside the old one, which names it as its shadow; named by data and model.
+
+    `bhm run` flies it in the shadow of the old for two flights, and takes it up only when it has predicted better.
+    """
+    document = tomlkit.parse(task.battery.read_text(encoding="utf-8"))
+    document.pop("shadow", None)
+    digest = hashlib.sha256(tomlkit.dumps(document).rstrip().encode())
+    for log in sorted(task.logs):
+        digest.update(log.read_bytes())
+    beside = task.battery.with_name(f"{task.battery.stem}-{digest.hexdigest()[:12]}.toml")
+    write_battery(beside, replace(battery, shadow=None))
+    document["shadow"] = {"file": beside.name}
+    fresh = task.battery.with_name(f".{task.battery.name}.new")
+    fresh.write_text(tomlkit.dumps(document), encoding="utf-8")
+    fresh.replace(task.battery)
+    return beside
 
 
 def _write_hidden(path: Path, time_s: np.ndarray, hidden: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:

@@ -82,7 +82,7 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
     findings = _findings(found, chosen, fitted, courses, proof, rivals, p_values, judged)
     battery = None
     if chosen.names:
-        battery, _ = repaired(request.battery, fitted, f"repaired by bhm explain: {', '.join(sorted(chosen.names))}")
+        battery = repaired(request.battery, fitted, f"repaired by bhm explain: {', '.join(sorted(chosen.names))}")
     elif judged.verdict == "parameter":
         battery = retuned(request.battery, fitted)
     over = variables([c.flight for c in courses], [c.soc for c in courses])

@@ -20,22 +20,22 @@ RESERVE_SOC = 0.2
 _CUTOFF_V = 3.2  # [V] of a cell
 
 
-def repaired(battery: BatteryFile, fitted: Fitted, source: str) -> tuple[BatteryFile, list[str]]:
-    """The battery with the members' effects joined, and what of them a file cannot hold.
+def repaired(battery: BatteryFile, fitted: Fitted, source: str) -> BatteryFile | None:
+    """The battery with the members' effects joined; None where a file can hold none of them.
 
     What differs from flight to flight stays out of the file: a start that is not full, times of a bad contact.
     """
-    joined, remarks = list(battery.joined), []
+    joined = list(battery.joined)
     for member in fitted.joint.members:
         for key, kind in member.parts:
             found = _joined(fitted, member, key, kind)
-            if found is None:
-                remarks.append(f"{kind.id}: differs from flight to flight, so no battery file can hold it")
-            else:
+            if found is not None:
                 joined = [j for j in joined if j.effect.id != found.effect.id] + [found]
+    if joined == list(battery.joined):
+        return None
     model = fitted.joint.lab.model
     only = tuple(replace(j, model=model) if j not in battery.joined else j for j in joined)
-    return replace(battery, joined=only, source=f"{battery.source}; {source}".lstrip("; ")), remarks
+    return replace(battery, joined=only, source=f"{battery.source}; {source}".lstrip("; "))
 
 
 def _joined(fitted: Fitted, member: Candidate, key: str, kind: type[Effect]) -> Joined | None:

@@ -68,3 +68,11 @@ def test_blocks_that_are_not_to_move_stay():
     assert moved[joint.places["start_soc"]].any()
     moved[joint.places["start_soc"]] = False
     assert not moved.any()
+
+
+@pytest.mark.parametrize("name", ["capacity-fade", "resistance-growth", "unseen-load"])
+def test_an_effect_that_is_not_there_fits_no_worse_and_yet_costs_evidence(name):
+    flights = four()
+    bare, wider = (fit(with_members(flights, names), NOISE) for names in (set(), {name}))
+    assert wider.misfit < bare.misfit + 0.002
+    assert wider.evidence(1.0) < bare.evidence(1.0) - 1.0
