@@ -167,7 +167,7 @@ def _candidate(
                 continue
             if p.driver is not None:
                 if p.driver in known:
-                    fixed[f"{part.id}.{p.name}"] = [p.si(_driver(f, p.driver)) for f in flights]
+                    fixed[f"{part.id}.{p.name}"] = [p.si(v) for v in _driver(flights, p.driver)]
                 continue
             if p.name not in priors:
                 continue
@@ -178,6 +178,9 @@ def _candidate(
     return Candidate(kind.id, parts, tuple(unknowns), fixed, inferred)
 
 
-def _driver(flight: FlightData, driver: str) -> float:
-    value = flight.notes.storage_days if driver == "storage" else flight.notes.cycles
-    return 0.0 if value is None else value
+def _driver(flights: Sequence[FlightData], driver: str) -> list[float]:
+    """What is known of each flight: days in storage, or age as a share of the oldest flight's."""
+    if driver == "storage":
+        return [f.notes.storage_days or 0.0 for f in flights]
+    cycles = [f.notes.cycles or 0.0 for f in flights]
+    return [c / (max(cycles) or 1.0) for c in cycles]

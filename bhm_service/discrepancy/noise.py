@@ -39,12 +39,12 @@ class Noise:
 
     def whitened(self, residual: Array) -> Array:
         """Innovations in standard deviations, along the last axis."""
-        start = np.array(residual[..., :1]) / np.sqrt(self._gain)
-        rest = np.concatenate([start, residual[..., 1:]], axis=-1)
-        # With the first sample scaled to an innovation's size, the filter starts from what the process does on average.
-        rest[..., 1] -= self.phi * (residual[..., 0] - rest[..., 0]) if residual.shape[-1] > 1 else 0.0
         scale = self.sigma_v * np.sqrt(self.doubt)
-        white: Array = lfilter([1.0, -self.phi], [1.0, -self.theta], rest, axis=-1) / scale
+        # The first sample counts for what the process does on average, and the filter starts from there.
+        first = residual[..., :1] / np.sqrt(self._gain)
+        carried = self.theta * first - self.phi * residual[..., :1]
+        later, _ = lfilter([1.0, -self.phi], [1.0, -self.theta], residual[..., 1:], axis=-1, zi=carried)
+        white: Array = np.concatenate([first, later], axis=-1) / scale
         return white
 
 
@@ -65,7 +65,7 @@ def estimated(residuals: Sequence[Array], floor_v: float) -> Noise:
     best = min(
         (
             minimize(cost, start, method="Nelder-Mead", options={"maxfev": 60, "xatol": 1e-2, "fatol": 1e-5})
-            for start in (np.array([3.0, 0.0]), np.array([1.0, -1.0]))
+            for start in (np.array([3.0, 0.0]), np.array([1.0, -1.0]), np.array([4.0, 2.5]))
         ),
         key=lambda found: float(found.fun),
     )

@@ -38,12 +38,9 @@ def test_the_size_of_the_process_is_what_its_numbers_say(kind):
     assert Noise(*kind).total_v == pytest.approx(np.std(process), rel=0.05)
 
 
-NOT_YET = pytest.mark.xfail(strict=True, reason="both starts of the minimisation miss a colour that is weak but slow")
-
-
 @pytest.mark.parametrize(
     "kind",
-    [(0.95, 0.75, 0.004), (0.9, 0.4, 0.002), pytest.param((0.985, 0.95, 0.02), marks=NOT_YET)],
+    [(0.95, 0.75, 0.004), (0.9, 0.4, 0.002), (0.985, 0.95, 0.02)],
 )
 def test_its_numbers_are_found_again(kind):
     found = estimated(list(made(*kind, np.random.default_rng(4), (6, 800))), floor_v=1e-6)

@@ -1,0 +1,48 @@
+"""What of the catalogue can be tried on a set of flights."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from discrepancy.flown import four
+
+from bhm_service.discrepancy.candidate import candidates
+from bhm_service.discrepancy.sidecar import Notes
+
+WH = 200.0
+
+
+def aged(*cycles):
+    flights = four("capacity-fade")[: len(cycles)]
+    return [replace(f, notes=Notes(cycles=c)) for f, c in zip(flights, cycles, strict=True)]
+
+
+def candidate(name, flights):
+    return next(c for c in candidates(flights, "circ", WH)[0] if c.id == name)
+
+
+def test_age_is_counted_as_a_share_of_the_oldest_flight():
+    fade = candidate("capacity-fade", aged(40.0, 200.0, 400.0))
+    assert fade.fixed["capacity-fade.age"] == [0.1, 0.5, 1.0]
+    (effect,) = fade.effects({"capacity-fade.fade": np.array([[0.2]])}, 1)
+    assert effect.fade * effect.age == np.array([[0.1]])
+
+
+def test_days_in_storage_reach_the_effect_in_seconds():
+    flights = [
+        replace(f, notes=Notes(storage_days=d)) for f, d in zip(four("capacity-fade"), (1, 2, 3, 4), strict=True)
+    ]
+    assert candidate("self-discharge", flights).fixed["self-discharge.storage"][1] == 2 * 86400.0
+
+
+def test_what_needs_a_driver_that_nobody_wrote_down_is_not_tried():
+    tried, missing = candidates(four("capacity-fade"), "circ", WH)
+    assert "self-discharge" not in {c.id for c in tried}
+    assert "needs storage" in next(m.because for m in missing if m.id == "self-discharge")
+
+
+def test_what_is_in_the_battery_already_is_not_tried_again():
+    tried, missing = candidates(four("capacity-fade"), "circ", WH, joined=["capacity-fade"])
+    assert "capacity-fade" not in {c.id for c in tried}
+    assert next(m.because for m in missing if m.id == "capacity-fade") == "is in the battery file already"
