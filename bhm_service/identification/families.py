@@ -17,7 +17,7 @@ from bhm_service.battery.effects import Effect, ResistanceTemperature, SlowDiffu
 from bhm_service.battery.ocv import CubicCapacitance, MonotoneSpline
 from bhm_service.battery.redlich_kister import horner, polynomial
 from bhm_service.identification.curve import BENDS, BentCurve, spline_of, table_of
-from bhm_service.identification.unknowns import Block, numbers, positive
+from bhm_service.identification.unknowns import Block, Unknowns, numbers, positive
 from bhm_service.units import SECONDS_PER_HOUR, Array
 
 ORDER = 13  # of the Redlich-Kister series: A_0 .. A_13
@@ -26,6 +26,8 @@ _AMPLITUDE = 1e4  # [J/mol] unit of A_k in the fits
 _RIDGE_V = 1e-3  # [V] weight that keeps A_k small where the curve does not need them: left free they reach 1e8 J/mol
 _KILO = 1e3  # an activation energy is looked for in kJ/mol
 _FAR = 400.0  # reach of A_k, in that unit
+_FAR_OFF = (4.0, 0.25)  # times the time constants: what a fit may have missed behind a hill
+_LAGS_S = (1.0, 8.0, 40.0)  # [s] of Chem's ohmic drop and overpotentials: which is which is tried
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,6 +75,12 @@ def _one(values: Array) -> float:
     return float(values.ravel()[0])
 
 
+def _put(unknowns: Unknowns, x: Array, name: str, number: float | Array) -> None:
+    """Put one block of a vector somewhere, inside its bounds."""
+    where = unknowns.slice_of(name)
+    x[where] = np.clip(number, unknowns.low[where] + 0.01, unknowns.high[where] - 0.01)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Family(ABC):
     """A cell model whose numbers are not known yet, around an open-circuit curve."""
@@ -108,6 +116,21 @@ class Family(ABC):
     def parameter_sd(self, values: Mapping[str, Array], sd: Mapping[str, float]) -> dict[str, float]:
         """Standard deviations of the cell's parameters out of those of the blocks."""
         return dict(sd)
+
+    def elsewhere(self, unknowns: Unknowns, x: Array) -> list[Array]:
+        """Other places from which a fit that came to ``x`` may find a better one: time constants far from it."""
+        found = []
+        for factor in _FAR_OFF:
+            other = x.copy()
+            for name in self.time_constants:
+                if name in unknowns.names:
+                    _put(unknowns, other, name, x[unknowns.slice_of(name)] + np.log(factor))
+            found.append(other)
+        return found
+
+    def labelled(self, unknowns: Unknowns, x: Array) -> Array:
+        """The same cell under the names that are usual, where a model's equations do not tell two parts apart."""
+        return x
 
     @abstractmethod
     def stages(self) -> Sequence[tuple[str, tuple[str, ...]]]:
@@ -206,6 +229,30 @@ class ChemFamily(Family):
             numbers("u_0", np.array([u_0]), 0.5, 1.0),
             numbers("a_p", a, 10.0 * reach, _FAR),
         ]
+
+    def elsewhere(self, unknowns: Unknowns, x: Array) -> list[Array]:
+        found = super().elsewhere(unknowns, x)
+        one, other = unknowns.slice_of("i_p0"), unknowns.slice_of("i_n0")
+        for ohmic in range(len(_LAGS_S)):
+            lags = (_LAGS_S[ohmic], *(lag for k, lag in enumerate(_LAGS_S) if k != ohmic))
+            for currents in ((x[one], x[other]), (x[other], x[one])):
+                moved = x.copy()
+                moved[one], moved[other] = currents
+                for name, lag in zip(("tau_o", "tau_n", "tau_p"), lags, strict=True):
+                    _put(unknowns, moved, name, float(np.log(lag)))
+                found.append(moved)
+        return found
+
+    def labelled(self, unknowns: Unknowns, x: Array) -> Array:
+        # The equations of both electrodes are the same: the positive one is taken to be the slower, as in what ships.
+        one, other = unknowns.slice_of("tau_p"), unknowns.slice_of("tau_n")
+        if x[one] >= x[other]:
+            return x
+        swapped = x.copy()
+        for positive_, negative in (("tau_p", "tau_n"), ("i_p0", "i_n0")):
+            a, b = unknowns.slice_of(positive_), unknowns.slice_of(negative)
+            swapped[a], swapped[b] = x[b], x[a]
+        return swapped
 
     def _series(self) -> tuple[float, Array]:
         soc = np.linspace(0.0, 1.0, 401)

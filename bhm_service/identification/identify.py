@@ -24,14 +24,13 @@ from bhm_service.identification.one_pack import contradiction, foreign
 from bhm_service.identification.premises import EXACT, Premises, premises_of, problem_for
 from bhm_service.identification.problem import Problem, problem_of
 from bhm_service.identification.solve import Method, Solution, solve
-from bhm_service.identification.spread import Spread, not_told, spread
+from bhm_service.identification.spread import Spread, likeliest, not_told, spread
 
 Ocv = Literal["auto", "spline", "cubic"]
 
 _COARSE = 500  # samples of a recording where forms are compared
 _STRAINED = 5.0  # times what was known of the charge that a recording begins with
 _STAGES = {"one-C": (Kind.ONE_C, Kind.RATE), "variable": (Kind.VARIABLE, Kind.PULSES)}
-_STARTS = (4.0, 0.25)  # times the time constants: what a fit may have missed behind a hill
 _DOUBTS = 2  # rounds in which far samples come to count less
 _VOLTAGE_ERROR = (0.003, 0.1)  # [V] what a battery file may claim
 
@@ -96,7 +95,7 @@ def identify(request: Request, progress: Progress = lambda _: None) -> Identifie
 
 def steps(request: Request) -> int:
     """How often `identify` will report progress, at most."""
-    per_model = 9 if request.method == "trf" else 5
+    per_model = 10 if request.method == "trf" else 5
     return 1 + len(request.models) * (per_model + bool(request.held_out)) + 3 * ("circ" in request.models)
 
 
@@ -116,9 +115,12 @@ def _one(
     else:
         family, unseen, remarks = choose(start, coarse, premises, any_curve=request.ocv == "auto", progress=progress)
         first = _staged(problem_for(family, coarse, premises), request.method, progress)
-        progress(f"{model}: all together")
         problem = problem_for(family, experiments, premises)
-        solution = solve(problem, starts=[first.x, *_other_starts(problem, first.x)])
+        progress(f"{model}: from other starts")
+        starts = [first.x, *family.elsewhere(problem.unknowns, first.x)]
+        rivals = [family.labelled(problem.unknowns, solve(first.problem, starts=[x]).x) for x in starts]
+        progress(f"{model}: all together")
+        solution = solve(problem, starts=[likeliest(first.problem, rivals)])
         for _ in range(_DOUBTS):
             solution = solve(problem.doubting(solution.x), starts=[solution.x])
     progress(f"{model}: what is left open")
@@ -172,21 +174,6 @@ def _staged(problem: Problem, method: Method, progress: Progress) -> Solution:
             x = solve(replace(problem, used=used), method, [x], free=free, evaluations=25).x
     progress(f"{name}: joint")
     return solve(problem, method, [x], evaluations=40)
-
-
-def _other_starts(problem: Problem, x: np.ndarray) -> list[np.ndarray]:
-    """The same with slower and faster time constants."""
-    unknowns = problem.unknowns
-    found = []
-    for factor in _STARTS:
-        other = x.copy()
-        for block in unknowns.blocks:
-            if block.name in problem.family.time_constants:
-                where = unknowns.slice_of(block.name)
-                moved = other[where] + np.log(factor)
-                other[where] = np.clip(moved, unknowns.low[where] + 0.01, unknowns.high[where] - 0.01)
-        found.append(other)
-    return found
 
 
 def _held_out(solution: Solution, experiment: Experiment, premises: Premises, request: Request) -> Assessment:

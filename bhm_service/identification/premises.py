@@ -12,7 +12,7 @@ from bhm_service.errors import BadInputError
 from bhm_service.identification.assess import step_resistance
 from bhm_service.identification.curve import from_rates, from_slow
 from bhm_service.identification.experiment import Experiment, Kind
-from bhm_service.identification.families import CircFamily, Extras, Family
+from bhm_service.identification.families import ChemFamily, CircFamily, Extras, Family
 from bhm_service.identification.problem import FULL_SOC_SD, Problem, problem_of
 from bhm_service.identification.solve import solve
 from bhm_service.identification.unseen import BETTER, unseen_error
@@ -120,7 +120,10 @@ def _of_their_age(begins: Premises, experiments: Sequence[Experiment]) -> Premis
         return begins
     coarse = tuple(e.thinned(_COARSE) for e in experiments)
     free_scales = replace(begins, scale_sd=tuple(EXACT if is_slow else _LOADED_SCALE_SD for is_slow in slow))
-    found = solve(problem_for(_any_cell(begins), coarse, free_scales), evaluations=25).values
+    # A model that does not follow the recordings bends the capacity instead: the one that follows them best is asked.
+    fits = [(make, solve(problem_for(make(begins), coarse, free_scales), evaluations=25)) for make in (_circ, _chem)]
+    asked, best = min(fits, key=lambda fit: fit[1].cost)
+    found = best.values
     scales = np.array([found[f"scale[{k}]"][0, 0] for k in deep])
     shift = float(np.mean(scales))
     if abs(shift) < _AGED or not (np.all(scales > 0.0) or np.all(scales < 0.0)):
@@ -137,15 +140,18 @@ def _of_their_age(begins: Premises, experiments: Sequence[Experiment]) -> Premis
             f"discharge gave (another age of the cell?): {capacity_c / SECONDS_PER_HOUR:.4g} Ah is used",
         ),
     )
-    before, after = (unseen_error(problem_for(_any_cell(p), coarse, p)).typical for p in (begins, aged))
+    before, after = (unseen_error(problem_for(asked(p), coarse, p)).typical for p in (begins, aged))
     return aged if after < BETTER * before else begins
 
 
-def _any_cell(premises: Premises) -> Family:
-    """A flexible model, to ask recordings for their capacity."""
+def _circ(premises: Premises) -> Family:
     return CircFamily(
         capacity_c=premises.capacity_c, curve=premises.curve, curve_sd=premises.curve_sd, extras=Extras(slow=True)
     )
+
+
+def _chem(premises: Premises) -> Family:
+    return ChemFamily(capacity_c=premises.capacity_c, curve=premises.curve, curve_sd=premises.curve_sd)
 
 
 def problem_for(family: Family, experiments: Sequence[Experiment], premises: Premises) -> Problem:

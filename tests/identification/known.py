@@ -42,7 +42,7 @@ def recorded(pack, label, kind, time_s, current_a, rng, noise_v=NOISE_V):
     return Experiment(label=label, kind=kind, time_s=time_s, current_a=current_a, voltage_v=volts)
 
 
-def slow(pack, rng, step_s=20.0, hours=20.0):
+def slow(pack, rng, step_s=120.0, hours=20.0):
     """A slow discharge from full to empty."""
     t = np.arange(0.0, hours * 3600.0 + 0.5 * step_s, step_s)
     return recorded(pack, "slow", Kind.SLOW, t, np.full(t.size, CAPACITY_C / (hours * 3600.0)), rng)
@@ -50,20 +50,19 @@ def slow(pack, rng, step_s=20.0, hours=20.0):
 
 def one_c(pack, rng):
     """A minute of rest, most of the charge at one C, ten minutes of rest."""
-    t = np.arange(0.0, 4200.0, 2.0)
+    t = np.arange(0.0, 4200.0, 5.0)
     return recorded(pack, "one-C", Kind.ONE_C, t, np.where((t >= 60.0) & (t < 3480.0), _RATED_A, 0.0), rng)
 
 
 def variable(pack, rng):
-    """Levels up to four C for some half a minute each until an eighth is left, a rest, a little more, a rest."""
-    t = np.arange(0.0, 3600.0, 1.0)
+    """Levels up to four C for some half a minute each until most is out, a rest, a little more, a rest."""
+    t = np.arange(0.0, 3000.0, 2.0)
     current = np.zeros(t.size)
-    begins = np.arange(60, 3300, 30) + rng.integers(-8, 9, 108)
+    begins = np.arange(30, 1350, 15) + rng.integers(-4, 5, 88)
     for begin, end in pairwise(begins):
         current[begin:end] = _RATED_A * rng.uniform(0.0, 4.0)
-    out = np.cumsum(current)
-    current[(out > 0.7 * CAPACITY_C) & (t < 3000.0)] = 0.0
-    current[np.cumsum(current) > 0.88 * CAPACITY_C] = 0.0
+    current[(np.cumsum(current) * 2.0 > 0.7 * CAPACITY_C) & (t < 2400.0)] = 0.0
+    current[np.cumsum(current) * 2.0 > 0.88 * CAPACITY_C] = 0.0
     return recorded(pack, "variable", Kind.VARIABLE, t, current, rng)
 
 
@@ -93,4 +92,4 @@ def found_again(model, seed):
         for block in unknowns.blocks
         if block.name in PARAMETERS[model]
         for name, true, k in [(block.name, getattr(truth, block.name), unknowns.slice_of(block.name).start)]
-    ], result
+    ]

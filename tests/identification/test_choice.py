@@ -1,0 +1,85 @@
+"""What the paper's models lack joins where it is, and stays out where it is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from battery.cells import CAPACITY_C, CURVE, circ
+from identification.known import NOISE_V, one_c, slow, variable
+
+from bhm_service.battery.effects import ResistanceTemperature, SlowDiffusion
+from bhm_service.battery.pack import PackModel
+from bhm_service.identification.choice import choose
+from bhm_service.identification.experiment import Experiment, Kind
+from bhm_service.identification.families import CircFamily
+from bhm_service.identification.premises import premises_of, problem_for
+from bhm_service.identification.unseen import unseen_error
+from bhm_service.units import REFERENCE_TEMPERATURE_K
+
+SLOW = SlowDiffusion(resistance=0.006, time_constant=400.0)
+COLD = ResistanceTemperature(activation_energy=20e3)
+
+
+def bench(*effects, kelvin=None, seed=1):
+    """The three recordings of a cell; warming up from ``kelvin`` to the reference where that is given."""
+    rng = np.random.default_rng(seed)
+    pack = PackModel(circ(), 1, 1.0, effects)
+    if kelvin is None:
+        return tuple(make(pack, rng).thinned(300) for make in (slow, one_c, variable))
+    return tuple(_warming(pack, make(pack, rng), kelvin, rng).thinned(300) for make in (slow, one_c, variable))
+
+
+def _warming(pack, run, kelvin, rng):
+    """A recording made anew at a temperature that rises."""
+    warm = kelvin if run.kind is not Kind.SLOW else REFERENCE_TEMPERATURE_K
+    temperature = np.linspace(warm, REFERENCE_TEMPERATURE_K, run.time_s.size)
+    volts = pack.simulate(run.time_s, run.current_a, 1.0, temperature).voltage
+    return Experiment(
+        label=run.label, kind=run.kind, time_s=run.time_s, current_a=run.current_a,
+        voltage_v=volts + NOISE_V * rng.standard_normal(volts.size), temperature_k=temperature,
+    )  # fmt: skip
+
+
+def chosen(experiments, *, any_curve=False):
+    premises = premises_of(experiments, CAPACITY_C / 3600.0)
+    family = CircFamily(capacity_c=premises.capacity_c, curve=premises.curve, curve_sd=premises.curve_sd)
+    return choose(family, experiments, premises, any_curve=any_curve, progress=lambda _: None)
+
+
+def test_nothing_joins_a_cell_that_lacks_nothing():
+    family, error, remarks = chosen(bench())
+    assert not family.extras.slow
+    assert error == pytest.approx(NOISE_V, rel=0.3)
+    assert any("slow diffusion: left out" in said for said in remarks)
+
+
+def test_slow_diffusion_that_is_there_joins():
+    family, error, remarks = chosen(bench(SLOW))
+    assert family.extras.slow
+    assert error == pytest.approx(NOISE_V, rel=0.5)
+    assert any("slow diffusion: joins" in said for said in remarks)
+
+
+@pytest.mark.parametrize(("effects", "joins"), [((COLD,), True), ((), False)])
+def test_a_cold_cell_joins_the_effect_of_temperature_only_where_resistance_follows_it(effects, joins):
+    family, _, _ = chosen(bench(*effects, kelvin=REFERENCE_TEMPERATURE_K - 20.0))
+    assert family.extras.temperature is joins
+
+
+def test_temperature_that_hardly_moves_is_not_even_asked():
+    _, _, remarks = chosen(bench(COLD, kelvin=REFERENCE_TEMPERATURE_K - 3.0))
+    assert not any("temperature" in said for said in remarks)
+
+
+def test_a_lipo_curve_is_no_cubic():
+    assert CURVE.volts[1] - CURVE.volts[0] > 0.3  # a knee that a cubic cannot follow
+    family, _, remarks = chosen(bench(), any_curve=True)
+    assert family.ocv == "spline"
+    assert any("open-circuit curve: a spline" in said for said in remarks)
+
+
+def test_error_on_unseen_pieces_is_the_noise_for_the_right_model():
+    experiments = bench()
+    premises = premises_of(experiments, CAPACITY_C / 3600.0)
+    family = CircFamily(capacity_c=premises.capacity_c, curve=premises.curve, curve_sd=premises.curve_sd)
+    assert unseen_error(problem_for(family, experiments, premises)).rms == pytest.approx(NOISE_V, rel=0.3)
