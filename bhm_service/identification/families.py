@@ -87,6 +87,7 @@ class Family(ABC):
 
     name: ClassVar[ModelName]
     time_constants: ClassVar[tuple[str, ...]]  # blocks that a fit may have to start from far away
+    shaping: ClassVar[tuple[str, ...]] = ()  # blocks of the open-circuit curve, which move no state
     capacity_c: float
     curve: MonotoneSpline
     curve_sd: float  # [V] how well the curve is known
@@ -128,6 +129,10 @@ class Family(ABC):
             found.append(other)
         return found
 
+    def read_at(self, states: tuple[Array, ...]) -> Array:
+        """State of charge at which the curve is read in these states (..., T)."""
+        return states[0]
+
     def labelled(self, unknowns: Unknowns, x: Array) -> Array:
         """The same cell under the names that are usual, where a model's equations do not tell two parts apart."""
         return x
@@ -143,6 +148,7 @@ class CircFamily(Family):
 
     name = "circ"
     time_constants = ("c_sp", "slow_time")
+    shaping = ("bends", "v_0", "cubic")
     ocv: Literal["spline", "cubic"] = "spline"
 
     def blocks(self) -> list[Block]:
@@ -213,6 +219,7 @@ class ChemFamily(Family):
 
     name = "chem"
     time_constants = ("t_diffusion", "tau_p", "slow_time")
+    shaping = ("u_0", "a_p")
 
     def blocks(self) -> list[Block]:
         ohm, rate = self.ohm, self.capacity_c / SECONDS_PER_HOUR
@@ -229,6 +236,9 @@ class ChemFamily(Family):
             numbers("u_0", np.array([u_0]), 0.5, 1.0),
             numbers("a_p", a, 10.0 * reach, _FAR),
         ]
+
+    def read_at(self, states: tuple[Array, ...]) -> Array:
+        return states[0] - (1.0 - SURFACE_FRACTION) / X_N_MAX * states[1]
 
     def elsewhere(self, unknowns: Unknowns, x: Array) -> list[Array]:
         found = super().elsewhere(unknowns, x)

@@ -9,7 +9,7 @@ import numpy as np
 
 from bhm_service.battery.cell import Modifiers
 from bhm_service.battery.effects.base import Conditions, Effect
-from bhm_service.battery.pack import PackModel
+from bhm_service.battery.pack import PackModel, Simulation
 from bhm_service.identification.experiment import Experiment
 from bhm_service.identification.families import Family
 from bhm_service.identification.unknowns import Unknowns, joined, numbers
@@ -22,6 +22,8 @@ _LOW_SOC, _LOW_WEIGHT = 0.10, 0.2  # near empty cells differ by more than a mode
 _SLOPE_SPAN = np.linspace(0.0, 1.0, 101)
 _LEAST_SLOPE_V, _SLOPE_SD_V = 0.02, 0.01  # [V per unit of charge] a curve falls by at least this
 _FAR = 2.0  # times the usual misfit: from here on a sample is doubted
+_SHARED = -1  # a number that every recording depends on
+STEP = 1e-5  # of finite differences, in the fit's own numbers
 FULL_SOC_SD = 0.003  # of a recording that begins rested and full
 
 
@@ -68,22 +70,55 @@ class Problem:
             parts.append(((voltage - experiment.voltage_v) * low * weight)[:, used])
         return np.concatenate([*parts, unknowns.pulls(x), self._monotone(values)], axis=1)
 
+    def jacobian(self, x: Array, columns: np.ndarray) -> Array:
+        """Derivatives (R, C) of the residuals at one candidate (n,) by the numbers ``columns`` (C,), by differences.
+
+        Numbers that shape the curve alone are not simulated: the curve is read where the run reads it. What a
+        recording begins with moves no other recording.
+        """
+        unknowns = self.unknowns
+        owner = np.concatenate([np.full(b.size, _owner(b.name)) for b in unknowns.blocks])[columns]
+        shaping = np.array([b.name in self.family.shaping for b in unknowns.blocks for _ in range(b.size)])[columns]
+        points = x + STEP * np.eye(x.size)[columns]
+        parts = []
+        for k, (experiment, used, weight) in enumerate(zip(self.experiments, self.used, self.weights(), strict=True)):
+            part = np.zeros((columns.size, int(used.sum())))
+            if part.size:
+                simulated = ~shaping & ((owner == _SHARED) | (owner == k))
+                run = self._run(k, unknowns.values(np.vstack([x, points[simulated]])))
+                low = np.where(run.soc < _LOW_SOC, _LOW_WEIGHT, 1.0)
+                rows = ((run.voltage - experiment.voltage_v) * low * weight)[:, used]
+                part[simulated] = (rows[1:] - rows[0]) / STEP
+                place = self.family.read_at(tuple(state[:1] for state in run.states))[..., used]
+                curves = self._open_circuit(unknowns.values(np.vstack([x, points[shaping]])), place)
+                part[shaping] = (curves[1:] - curves[0]) / STEP * (low[0] * weight)[used]
+            parts.append(part)
+        pulls = (unknowns.pulls(points) - unknowns.pulls(x)) / STEP
+        monotone = self._monotone(unknowns.values(np.vstack([x, points])))
+        return np.concatenate([*parts, pulls, (monotone[1:] - monotone[0]) / STEP], axis=1).T
+
     def misfits(self, x: Array) -> list[tuple[Array, Array]]:
         """Modelled minus measured voltage [V] and state of charge along every recording, for one candidate (n,)."""
         runs = self._runs(self.unknowns.values(x))
         return [(voltage[0] - e.voltage_v, soc[0]) for (voltage, soc), e in zip(runs, self.experiments, strict=True)]
 
     def _runs(self, values: dict[str, Array]) -> list[tuple[Array, Array]]:
-        cell = self.family.cell(values)
-        effects = self.family.extras.effects(values)
-        columns = next(iter(values.values())).shape[0]
-        found = []
-        for k, experiment in enumerate(self.experiments):
-            pack = PackModel(cell, 1, 1.0, [*effects, _Scale(values[f"scale[{k}]"])])
-            run = pack.simulate(experiment.time_s, experiment.current_a, values[f"soc[{k}]"], experiment.temperature_k)
-            shape = (columns, experiment.time_s.size)
-            found.append((np.broadcast_to(run.voltage, shape), np.broadcast_to(run.soc, shape)))
-        return found
+        runs = [self._run(k, values) for k in range(len(self.experiments))]
+        return [(run.voltage, run.soc) for run in runs]
+
+    def _run(self, k: int, values: dict[str, Array]) -> Simulation:
+        """One recording simulated, (M, T)."""
+        experiment = self.experiments[k]
+        effects = [*self.family.extras.effects(values), _Scale(values[f"scale[{k}]"])]
+        pack = PackModel(self.family.cell(values), 1, 1.0, effects)
+        run = pack.simulate(experiment.time_s, experiment.current_a, values[f"soc[{k}]"], experiment.temperature_k)
+        shape = (next(iter(values.values())).shape[0], experiment.time_s.size)
+        return replace(run, voltage=np.broadcast_to(run.voltage, shape), soc=np.broadcast_to(run.soc, shape))
+
+    def _open_circuit(self, values: dict[str, Array], soc: Array) -> Array:
+        """Open-circuit voltages of every candidate (M, T)."""
+        curve = np.asarray(self.family.cell(values).open_circuit(soc))
+        return np.broadcast_to(curve, (next(iter(values.values())).shape[0], soc.shape[-1]))
 
     def weights(self) -> list[Array]:
         """Of every sample's residual: what it counts, over what it is expected to be. [1/V]"""
@@ -110,17 +145,19 @@ class Problem:
 
     def _monotone(self, values: dict[str, Array]) -> Array:
         """What a curve that does not fall is punished with."""
-        curve = np.asarray(self.family.cell(values).open_circuit(_SLOPE_SPAN))
-        curve = np.atleast_2d(curve)
-        slope = np.diff(curve, axis=1) * (_SLOPE_SPAN.size - 1)
-        columns = next(iter(values.values())).shape[0]
+        slope = np.diff(self._open_circuit(values, _SLOPE_SPAN), axis=1) * (_SLOPE_SPAN.size - 1)
         short: Array = np.minimum(slope - _LEAST_SLOPE_V, 0.0) / _SLOPE_SD_V
-        return np.broadcast_to(short, (columns, short.shape[1]))
+        return short
 
     @property
     def data_rows(self) -> int:
         """How many of the residuals are of recordings; pulls follow them."""
         return int(sum(used.sum() for used in self.used))
+
+
+def _owner(name: str) -> int:
+    """The recording that a block belongs to alone."""
+    return int(name[name.index("[") + 1 : -1]) if "[" in name else _SHARED
 
 
 def independent(experiment: Experiment) -> float:

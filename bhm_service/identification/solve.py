@@ -13,7 +13,6 @@ from bhm_service.identification.problem import Problem
 from bhm_service.units import Array
 
 Method = Literal["trf", "nelder-mead"]
-STEP = 1e-5  # of finite differences, in the fit's own numbers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,7 +64,7 @@ def _whole(start: Array, moving: Array, part: Array) -> Array:
 
 
 def _trf(problem: Problem, start: Array, moving: Array, evaluations: int) -> Solution:
-    """Bounded trust region over scaled numbers; all columns of the Jacobian go through the models in one call."""
+    """Bounded trust region over scaled numbers."""
     unknowns = problem.unknowns
     low, high = unknowns.low[moving], unknowns.high[moving]
     inside = np.clip(start[moving], low + 1e-6 * (high - low), high - 1e-6 * (high - low))
@@ -74,9 +73,7 @@ def _trf(problem: Problem, start: Array, moving: Array, evaluations: int) -> Sol
         return np.asarray(problem.residuals(_whole(start, moving, part[None, :]))[0])
 
     def jacobian(part: Array) -> Array:
-        points = np.vstack([part, part + STEP * np.eye(part.size)])
-        rows = problem.residuals(_whole(start, moving, points))
-        return np.asarray((rows[1:] - rows[0]).T / STEP)
+        return problem.jacobian(_whole(start, moving, part), np.flatnonzero(moving))
 
     found = least_squares(
         residual, inside, jac=jacobian, bounds=(low, high), x_scale="jac", max_nfev=evaluations, ftol=1e-5, xtol=1e-6

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bhm_service.identification.problem import Problem
-from bhm_service.identification.solve import STEP, Solution
+from bhm_service.identification.solve import Solution
 from bhm_service.units import Array
 
 _SEGMENTS = 16  # of every recording, for the bootstrap
@@ -40,9 +40,7 @@ def spread(solution: Solution, seed: int = 1, *, as_expected: bool = False) -> S
     """
     problem, x = solution.problem, solution.x
     unknowns = problem.unknowns
-    points = np.vstack([x, x + STEP * np.eye(x.size)])
-    rows = problem.residuals(points)
-    residual, jacobian = rows[0], (rows[1:] - rows[0]).T / STEP
+    residual, jacobian = problem.residuals(x)[0], problem.jacobian(x, np.arange(x.size))
     data = problem.data_rows
     curvature = jacobian.T @ jacobian
     prior = jacobian[data:].T @ jacobian[data:]
