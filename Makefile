@@ -23,7 +23,7 @@ bench: $(VENV)/.ready-bench
 
 # The long proofs of the onboard service: fifty kills in a flight, a day of flights with faults, a million frames.
 proofs: $(VENV)/.ready-dev
-	$(BIN)/pytest tests/proofs -v -p no:xdist -o addopts="--import-mode=importlib"
+	$(BIN)/pytest tests/proofs tests/sim/test_pybamm_pack.py -v -p no:xdist -o addopts="--import-mode=importlib"
 	$(BIN)/pytest tests -m long -n 2 -o addopts="-q --import-mode=importlib --ignore=tests/benchmarks"
 
 # The whole proof on an exam seed that is drawn now; exit status 1 where a target is missed. The score card goes into

@@ -20,7 +20,8 @@ from bhm_service.flight_recorder import Segments
 from bhm_service.mavlink.dialect import mavlink, unpack
 from bhm_service.mavlink.frames import WireFrame
 from bhm_service.mavlink.links import Links
-from bhm_service.mavlink.transport import LinkUrl, transport_of
+from bhm_service.mavlink.transport import LinkUrl
+from bhm_service.mavlink.transports import transport_of
 from bhm_service.messages import Event
 from bhm_service.resumption import Run
 from bhm_service.service import Wire
