@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from scipy.linalg import lapack
 
 from bhm_service.units import Array, Value
 
@@ -143,6 +142,8 @@ def _block(elapsed: Array, gain: Array, start: Value) -> Array:
 
 
 def _bidiagonal(ratio: Value, gain: Array, start: Value) -> Array:
+    from scipy.linalg import lapack  # a third of the service's start, which never needs it
+
     shape = np.broadcast_shapes(gain.shape, (*np.shape(start)[:-1], 1))
     length = shape[-1]
     decay = np.broadcast_to(np.exp(-ratio), shape).reshape(-1, length).copy()

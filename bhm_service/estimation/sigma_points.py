@@ -2,7 +2,8 @@
 
 `import filterpy` runs every filter it has, and through them scipy.stats: 45 MB and 0.4 s that an onboard service has no
 use for. The two modules wanted here need none of it, so they are imported from packages whose own start-up is left
-out; afterwards `import filterpy` works for everybody else as if this had not happened.
+out; so is scipy.linalg, a third of the service's start, of which they take functions that are never called here. After-
+wards `import filterpy` and `import scipy.linalg` work for everybody else as if this had not happened.
 """
 
 from __future__ import annotations
@@ -14,6 +15,14 @@ from types import ModuleType
 from typing import Any
 
 _PACKAGES = ("filterpy", "filterpy.kalman")
+_UNUSED = "scipy.linalg"
+
+
+class _Empty(ModuleType):
+    """Has every name, and nothing behind it."""
+
+    def __getattr__(self, name: str) -> None:
+        return None
 
 
 def _load() -> tuple[Any, Any]:
@@ -25,7 +34,10 @@ def _load() -> tuple[Any, Any]:
     if found is None or not found.submodule_search_locations:
         raise ImportError("filterpy is not installed")
     root = found.submodule_search_locations[0]
+    linalg = sys.modules.get(_UNUSED)
     try:
+        if linalg is None:
+            sys.modules[_UNUSED] = _Empty(_UNUSED)
         for package, path in zip(_PACKAGES, (root, f"{root}/kalman"), strict=True):
             hollow = ModuleType(package)
             hollow.__path__ = [path]
@@ -33,6 +45,8 @@ def _load() -> tuple[Any, Any]:
         points = importlib.import_module("filterpy.kalman.sigma_points")
         transform = importlib.import_module("filterpy.kalman.unscented_transform")
     finally:
+        if linalg is None:
+            del sys.modules[_UNUSED]
         for name in [name for name in sys.modules if name.split(".")[0] == "filterpy"]:
             del sys.modules[name]
     return points.MerweScaledSigmaPoints, transform.unscented_transform

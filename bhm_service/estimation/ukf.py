@@ -12,7 +12,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import lapack
 
 from bhm_service.estimation.sigma_points import MerweScaledSigmaPoints, unscented_transform
 from bhm_service.units import Array
@@ -57,9 +56,10 @@ def factor(covariance: Array) -> Array:
     """
     if not math.isfinite(covariance.sum()):
         raise FilterDivergedError("covariance is not finite")
-    upper, info = lapack.dpotrf(covariance, lower=0, clean=1)
-    if info == 0:
-        return np.asarray(upper)
+    try:
+        return np.asarray(np.linalg.cholesky(covariance).T)
+    except np.linalg.LinAlgError:
+        pass
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     lifted = np.maximum(values, _FLOOR * max(float(values[-1]), 1e-30))
     return np.asarray(np.sqrt(lifted)[:, None] * vectors.T)
