@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import sys
@@ -60,13 +61,12 @@ def run_service(urls: Sequence[str], config: Path | None, vehicle: Path | None, 
     key = None if link.signing_key is None else read_key(link.signing_key)
     settings_asked = (options_parameter(equipment.vehicle.battery.id),)
     links = Links(urls or link.urls, link.system, link.component, key, settings_asked)
-    screen = Screen(sys.stdout.write, every_second="JOURNAL_STREAM" not in os.environ)
+    screen = Screen(_print, every_second="JOURNAL_STREAM" not in os.environ)
     where = ", ".join(urls or link.urls)
-    sys.stdout.write(f"{equipment.vehicle.name}, battery {equipment.battery.name}; listening on {where}, Ctrl-C ends\n")
+    _print(f"{equipment.vehicle.name}, battery {equipment.battery.name}; listening on {where}, Ctrl-C ends\n")
     stop, notifier = _Stop(), Notifier()
     session = _session(equipment, settings, links, screen, None if config is None else state_folder(os.environ))
     notifier.ready()
-    sys.stdout.flush()
     due = time.monotonic() + _TICK_S
     while not stop.asked:
         for _, message in links.poll(max(due - time.monotonic(), 0.0)):
@@ -77,14 +77,21 @@ def run_service(urls: Sequence[str], config: Path | None, vehicle: Path | None, 
             continue
         due = max(due + _TICK_S, now)
         session.tick(now)
-        notifier.progress(screen.line)
-        sys.stdout.flush()
+        if not session.bus.counters[Wire.name].down:  # a service that is mute for good is of no use: systemd's turn
+            notifier.progress(screen.line)
     notifier.stopping()
     session.close(time.monotonic())
     links.close()
     notifier.close()
-    sys.stdout.write("stopped\n")
+    _print("stopped\n")
     return 0
+
+
+def _print(text: str) -> None:
+    """Nobody in the air reads this: a full disk or a closed pipe behind it costs nothing but the words."""
+    with contextlib.suppress(OSError):
+        sys.stdout.write(text)
+        sys.stdout.flush()
 
 
 def _session(equipment: Equipment, settings: Service, links: Links, screen: Screen, folder: Path | None) -> Session:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -91,7 +92,7 @@ class PublisherApp:
         return [
             NamedValue(time_s=now, boot_ms=boot_ms, name=name, value=value)
             for name, value in values
-            if value is not None
+            if value is not None and math.isfinite(value)
         ]
 
     def _boot_ms(self, now_s: float) -> int:

@@ -1,3 +1,5 @@
+import math
+
 from bhm_service.apps.publisher import PublisherApp
 from bhm_service.messages import AutopilotClock, Ending, EndOfDischarge, Model, RemainingTime, StateEstimate
 
@@ -57,3 +59,8 @@ def test_times_are_on_the_autopilots_clock_and_wrap_with_it():
     assert {v.boot_ms for v in values} == {72_500}
     _, values = named([AutopilotClock(time_s=99.0, boot_s=4294967.0), fused()])
     assert all(0 <= v.boot_ms < 2**32 for v in values)
+
+
+def test_a_number_that_is_none_is_not_said():
+    names, _ = named([fused(median_s=math.nan, high_s=math.inf)])
+    assert names == {"BHM_RFTLO": 400.0, "BHM_SOC": 0.7, "BHM_SOE": 0.65, "BHM_HLTH": 0.0}

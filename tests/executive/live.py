@@ -138,10 +138,15 @@ def as_the_unit_does() -> list[str]:
     return nice if run.returncode == 0 and not run.stderr else []
 
 
-def start(config_: Path, before: Sequence[str] = (), **environment: str) -> subprocess.Popen[str]:
+def start(
+    config_: Path,
+    before: Sequence[str] = (),
+    program: Sequence[str] = ("-m", "bhm_service.cli", "run", "--config"),
+    **environment: str,
+) -> subprocess.Popen[str]:
     """Start the service; it listens when this returns."""
     process = subprocess.Popen(
-        [*before, sys.executable, "-u", "-m", "bhm_service.cli", "run", "--config", str(config_)],
+        [*before, sys.executable, "-u", *program, str(config_)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env={**os.environ, "STATE_DIRECTORY": str(config_.parent / "state"), **environment},
     )  # fmt: skip
