@@ -19,7 +19,9 @@ from bhm_service.mavlink.transport import LinkUrl
 from bhm_service.mavlink.transports import transport_of
 from bhm_service.service import Wire
 from bhm_service.session import Session
+from sim.battery import SimulatedPack
 from sim.command import Options, vehicle_of
+from sim.multirotor import Phase
 
 SECONDS = 75
 FEW = Service(prediction=Prediction(samples=30))
@@ -38,23 +40,40 @@ TROUBLES = {
 }
 
 
-def flown(trouble):
-    """(second, name, value) of all that reaches the ground, and the charge that is really left."""
+def hurry(vehicle):
+    vehicle.firmware.hurry = 50.0
+
+
+def stay(vehicle):
+    vehicle.multirotor.plan += (Phase(60.0, 0.0),)
+
+
+def swap(vehicle):
+    vehicle.multirotor.pack = SimulatedPack(4, 5.0, left=0.5)
+    vehicle.reboot()
+
+
+def flown(trouble, flight=600.0, happens=None):
+    """(second, name, value) of all that reaches the ground, and the charge that is really left.
+
+    ``happens`` to the vehicle at tenths of a second.
+    """
     ours, ground = free_port(socket.SOCK_DGRAM), free_port(socket.SOCK_DGRAM)
     urls = [f"udpout:127.0.0.1:{port}" for port in (ours, ground)]
-    options = Options(charge=0.9, flight=600.0, **TROUBLES[trouble])
+    options = Options(charge=0.9, flight=flight, **TROUBLES[trouble])
     vehicle = vehicle_of(options, [transport_of(LinkUrl.parse(url)) for url in urls])
     links = Links([f"udpin:127.0.0.1:{ours}"], clock=lambda: vehicle.time_s)
     equipment = equipment_of(shipped("vehicles", "quad-4s.toml"), None)
     bus = assemble(equipment, FEW, [Wire(links, lambda kind, data: None)])
     session = Session(bus, None, None, 0.0)
+    happens = happens or ({200: hurry} if trouble == "flood" else {})
     station, splitter, told, peer = FrameEncoder(255, 190), FrameSplitter(), [], None
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as screen:
         screen.bind(("127.0.0.1", ground))
         screen.setblocking(False)
         for tenth in range(SECONDS * 10):
-            if trouble == "flood" and tenth == 200:
-                vehicle.firmware.hurry = 50.0
+            if tenth in happens:
+                happens[tenth](vehicle)
             assert vehicle.step()
             while found := links.poll(0.0):
                 for _, message in found:
@@ -110,3 +129,12 @@ def test_a_calm_flight_is_told_every_second_with_every_name(calm):
     assert {value for second, name, value in values if name == "BHM_HLTH" and second > 30.0} == {0.0}
     assert {name for _, name, _ in values} >= {"BHM_RFT", "BHM_SOC", "BHM_SOE", "RFT_CIRC", "RFT_CHEM"}
     assert {name: value for _, name, value in values}["BHM_SOC"] == pytest.approx(left, abs=0.08)
+
+
+def test_another_pack_that_is_put_in_on_the_ground_is_known_by_its_own_charge():
+    values, left = flown("calm", flight=35.0, happens={10: stay, 500: swap})
+    assert all(math.isfinite(value) for _, _, value in values)
+    soc = {round(second): value for second, name, value in values if name == "BHM_SOC"}
+    assert soc[48] > 0.8
+    assert left == pytest.approx(0.5, abs=0.01)
+    assert [soc[second] for second in range(60, SECONDS)] == pytest.approx([left] * (SECONDS - 60), abs=0.10)

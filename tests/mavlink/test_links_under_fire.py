@@ -9,6 +9,7 @@ from dataclasses import fields
 
 import pytest
 from mavlink.wire import free_port, statuses
+from mavlink.world import World
 
 from bhm_service.mavlink.dialect import mavlink
 from bhm_service.mavlink.encode import FrameEncoder
@@ -18,46 +19,19 @@ from bhm_service.mavlink.signing import read_key
 from bhm_service.mavlink.transport import LinkUrl
 from bhm_service.mavlink.transports import transport_of
 from bhm_service.mavlink.udp import UdpTransport
-from bhm_service.messages import AutopilotClock, BatteryStatus, Heartbeat, LinkStatus, NamedValue, ParameterValue
+from bhm_service.messages import (
+    AutopilotClock,
+    BatteryStatus,
+    Heartbeat,
+    LinkState,
+    LinkStatus,
+    NamedValue,
+    ParameterValue,
+)
 from sim.ardupilot import ArduPilot
 from sim.command import Options, vehicle_of
 
 BATTERY = mavlink.MAVLINK_MSG_ID_BATTERY_STATUS
-
-
-class World:
-    """A simulated vehicle and our links, one after the other in simulated time."""
-
-    def __init__(self, settings=(), **options):
-        self.port = free_port(socket.SOCK_DGRAM)
-        self.vehicle = vehicle_of(
-            Options(charge=0.9, flight=1200.0, **options),
-            [transport_of(LinkUrl.parse(f"udpout:127.0.0.1:{self.port}"))],
-        )
-        self.clock_s = 0.0
-        self.links = Links([f"udpin:127.0.0.1:{self.port}"], settings=settings, clock=lambda: self.clock_s)
-        self.said = []
-
-    def run(self, seconds, others=()):
-        """Messages of that time."""
-        said = []
-        for _ in range(round(seconds * 10)):
-            assert self.vehicle.step()
-            for other in others:
-                other()
-            self.clock_s = self.vehicle.time_s
-            while found := self.links.poll(0.0):
-                said += [message for _, message in found]
-        self.said += said
-        return said
-
-    def send(self, data):
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
-            out.sendto(data, ("127.0.0.1", self.port))
-
-    def close(self):
-        self.vehicle.close()
-        self.links.close()
 
 
 @pytest.fixture
@@ -218,6 +192,31 @@ def test_other_vehicles_our_own_echo_and_px4s_echo_change_nothing(world):
     assert {m.system for m in of(said, Heartbeat)} == {1}
     assert min(m.voltage_v for m in of(said, BatteryStatus)) > 12.0
     assert not [m for m in of(said, Heartbeat) if m.armed and m.time_s < 5.0]
+
+
+@pytest.mark.parametrize("kind", ["udpout", "tcp", "tcpin", "serial"])
+def test_everything_at_once_does_no_more_on_any_other_kind_of_link(world, kind, tmp_path):
+    one = world(
+        kind=kind, folder=tmp_path, batteries=2, loss=0.3, double=0.2, overtake=0.2, garbage=0.1,
+        reboot=(40.0,), silence=("60:10",),
+    )  # fmt: skip
+    one.run(10.0)
+    said = one.run(75.0)
+    one.vehicle.firmware.hurry = 50.0
+    flood = one.run(5.0)
+    assert one.links.vehicle == (1, 1)
+    for number in (0, 1):
+        assert 12 <= len(of(said, BatteryStatus, battery_id=number)) <= 32
+        assert 60 <= len(of(flood, BatteryStatus, battery_id=number)) <= 130
+    assert all(12.0 < m.voltage_v < 17.0 for m in of(said + flood, BatteryStatus))
+    assert (
+        min(m.boot_s for m in of(said, AutopilotClock)) < 8.0 < 35.0 < max(m.boot_s for m in of(said, AutopilotClock))
+    )
+    assert [m.status for m in of(said, LinkState)] == [LinkStatus.OPEN, LinkStatus.ALIVE]
+    (report,) = one.links.reports
+    assert report.duplicates > 50
+    assert report.stray_bytes > 100
+    assert report.opened == 1
 
 
 def test_the_vehicle_that_was_configured_is_followed_though_another_speaks_first():
