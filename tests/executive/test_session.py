@@ -178,7 +178,7 @@ def test_another_pack_put_in_on_the_ground_while_the_service_was_away_is_noticed
     "damage",
     [
         lambda d: d[:-20],
-        lambda d: d[:900] + b"0" + d[901:],
+        lambda d: d[:900] + bytes([d[900] ^ 1]) + d[901:],
         lambda d: b"",
         lambda d: b"\x00" * 300,
         lambda d: d[::-1],
