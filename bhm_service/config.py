@@ -49,12 +49,21 @@ class RotorSettings(Settings):
     avionics_w: Annotated[float, Field(ge=0.0, le=2000.0, description="[W] everything but the motors")] = 10.0
 
 
+class DemandSettings(BaseModel):
+    """One effect of the vehicle's demand model; its numbers are checked by the effect's own declaration."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+    id: Annotated[str, Field(description="name of a demand effect")]
+
+
 class Vehicle(Settings):
     """A vehicle file."""
 
     name: str
     battery: BatterySettings
     rotors: RotorSettings | None = None
+    demand: Annotated[tuple[DemandSettings, ...], Field(description="what the hover's power leaves out, known")] = ()
     airborne_a: Annotated[
         float | None,
         Field(gt=0.0, le=1000.0, description="[A] more than this is flying; a share of the capacity if absent"),

@@ -62,21 +62,23 @@ class BatteryFile:
         return cell
 
 
-class _Strict(BaseModel):
+class Strict(BaseModel):
+    """A section of a file: frozen, and no key that it does not know."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class _Quantity(_Strict):
+class _Quantity(Strict):
     value: Annotated[float, Field(allow_inf_nan=False)]
     sd: Annotated[float | None, Field(ge=0.0)] = None
     unit: str | None = None
 
 
-class _Shadow(_Strict):
+class _Shadow(Strict):
     file: str
 
 
-class _Cubic(_Strict):
+class _Cubic(Strict):
     kind: Literal["cubic"]
     q_max_over_c_max: Annotated[float, Field(ge=1.0, le=2.0)] = 1.02
     v_0: Annotated[float, Field(ge=1.0, le=5.0)]
@@ -85,7 +87,7 @@ class _Cubic(_Strict):
     cbp2: float
 
 
-class _Spline(_Strict):
+class _Spline(Strict):
     kind: Literal["spline"]
     soc: tuple[float, ...]
     volts: tuple[float, ...]
@@ -96,7 +98,7 @@ class _Spline(_Strict):
         return self
 
 
-def _quantity(declared: Parameter) -> Any:
+def quantity(declared: Parameter) -> Any:
     """The type of one number in a file: bare or with its unit, inside the declared range."""
 
     def bare(given: Any) -> Any:
@@ -120,8 +122,8 @@ def _default(model: type, declared: Parameter) -> Any:
 @lru_cache(maxsize=1)
 def _schema() -> type[BaseModel]:
     def section(name: str, of: type, **extra: Any) -> type[BaseModel]:
-        fields: dict[str, Any] = {p.name: (_quantity(p), _default(of, p)) for p in parameters_of(of)}
-        return create_model(name, __base__=_Strict, **fields, **extra)
+        fields: dict[str, Any] = {p.name: (quantity(p), _default(of, p)) for p in parameters_of(of)}
+        return create_model(name, __base__=Strict, **fields, **extra)
 
     coefficients = Annotated[tuple[float, ...], Field(min_length=1, max_length=24)]
     circ = section("Circ", Circ, ocv=(Annotated[_Cubic | _Spline, Field(discriminator="kind")], ...))
@@ -145,7 +147,7 @@ def _schema() -> type[BaseModel]:
         "uncertainty": (section("Uncertainty", Uncertainty) | None, None),
         "shadow": (_Shadow | None, None),
     }
-    return create_model("Battery", __base__=_Strict, **fields)
+    return create_model("Battery", __base__=Strict, **fields)
 
 
 def read_battery(path: Path) -> BatteryFile:
@@ -161,15 +163,15 @@ def checked_battery(tables: dict[str, Any], where: str) -> BatteryFile:
     sd: dict[str, dict[str, float]] = {}
     circ = chem = None
     if given.circ is not None:
-        values, sd["circ"] = _si(Circ, given.circ)
+        values, sd["circ"] = in_si(Circ, given.circ)
         circ = Circ(ocv=_open_circuit(given.circ.ocv, values["c_max"]), **values)
     if given.chem is not None:
-        values, sd["chem"] = _si(Chem, given.chem)
+        values, sd["chem"] = in_si(Chem, given.chem)
         chem = Chem(a_p=given.chem.a_p, a_n=given.chem.a_n, **values)
     joined = []
     for entry in given.effect:
         kind = EFFECTS[entry.id]
-        values, spread = _si(kind, entry)
+        values, spread = in_si(kind, entry)
         joined.append(Joined(effect=kind(**values), model=entry.model, sd=spread))
     return BatteryFile(
         name=given.name,
@@ -178,13 +180,14 @@ def checked_battery(tables: dict[str, Any], where: str) -> BatteryFile:
         circ=circ,
         chem=chem,
         joined=tuple(joined),
-        uncertainty=Uncertainty(**_si(Uncertainty, given.uncertainty)[0]) if given.uncertainty else Uncertainty(),
+        uncertainty=Uncertainty(**in_si(Uncertainty, given.uncertainty)[0]) if given.uncertainty else Uncertainty(),
         sd=sd,
         shadow=None if given.shadow is None else given.shadow.file,
     )
 
 
-def _si(model: type, given: BaseModel) -> tuple[dict[str, float], dict[str, float]]:
+def in_si(model: type, given: BaseModel) -> tuple[dict[str, float], dict[str, float]]:
+    """Values and spreads of a model's parameters, in SI."""
     values, sd = {}, {}
     for declared in parameters_of(model):
         quantity: _Quantity = getattr(given, declared.name)
@@ -215,15 +218,15 @@ def write_battery(path: Path, battery: BatteryFile) -> None:
     if battery.series is not None:
         document["series"] = battery.series
     if battery.circ is not None:
-        section = _section(battery.circ, battery.sd.get("circ", {}))
+        section = section_table(battery.circ, battery.sd.get("circ", {}))
         section["ocv"] = _ocv_table(battery.circ)
         document["circ"] = section
     if battery.chem is not None:
-        section = _section(battery.chem, battery.sd.get("chem", {}))
+        section = section_table(battery.chem, battery.sd.get("chem", {}))
         section.add("a_p", _numbers(battery.chem.a_p).comment("[J/mol] A_p,k: Redlich-Kister, positive electrode"))
         section.add("a_n", _numbers(battery.chem.a_n).comment("[J/mol] A_n,k: negative electrode"))
         document["chem"] = section
-    document["uncertainty"] = _section(battery.uncertainty, {})
+    document["uncertainty"] = section_table(battery.uncertainty, {})
     if battery.shadow is not None:
         document["shadow"] = {"file": battery.shadow}
     if battery.joined:
@@ -233,14 +236,15 @@ def write_battery(path: Path, battery: BatteryFile) -> None:
             table["id"] = joined.effect.id
             if joined.model is not None:
                 table["model"] = joined.model
-            for key, item in _section(joined.effect, joined.sd).items():
+            for key, item in section_table(joined.effect, joined.sd).items():
                 table.add(key, item)
             tables.append(table)
         document["effect"] = tables
     path.write_text(tomlkit.dumps(document), encoding="utf-8")
 
 
-def _section(model: object, sd: Mapping[str, float]) -> Any:
+def section_table(model: object, sd: Mapping[str, float]) -> Any:
+    """The numbers of a model or an effect as a TOML table, each with its spread, unit and meaning."""
     table = tomlkit.table()
     for declared in parameters_of(type(model)):
         entry = tomlkit.inline_table()

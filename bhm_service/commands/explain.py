@@ -14,6 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from bhm_service.battery.battery_file import BatteryFile, ModelName, read_battery, write_battery
 from bhm_service.config import read_vehicle
+from bhm_service.discrepancy.demand_side import DemandSide
 from bhm_service.discrepancy.explain import Request, explain
 from bhm_service.discrepancy.explanation import Explanation
 from bhm_service.discrepancy.findings import write_findings
@@ -21,6 +22,7 @@ from bhm_service.discrepancy.flights import read_flights
 from bhm_service.discrepancy.lab import lab_of
 from bhm_service.discrepancy.sidecar import read_sidecar
 from bhm_service.errors import BadInputError
+from bhm_service.prediction.demand_file import known_demand, with_demand
 from bhm_service.reporting.explained import explained_lines, explained_page
 from bhm_service.units import SECONDS_PER_HOUR
 
@@ -50,6 +52,8 @@ def explain_logs(task: Task) -> int:
     battery = read_battery(task.battery)
     model: ModelName = task.model or ("circ" if battery.circ is not None else "chem")
     vehicle = read_vehicle(task.vehicle) if task.vehicle is not None else None
+    if vehicle is not None:
+        known_demand(vehicle, str(task.vehicle))  # a wrong table is said now, not after the search
     series = vehicle.battery.series if vehicle is not None else None
     ampere_hours = vehicle.battery.capacity_ah if vehicle is not None else None
     capacity_c = None if ampere_hours is None else ampere_hours * SECONDS_PER_HOUR
@@ -73,12 +77,13 @@ def explain_logs(task: Task) -> int:
                 model=model,
                 series=series,
                 capacity_c=capacity_c,
+                vehicle=vehicle,
             ),
             progress,
         )
     found = _written(task, found)
     if task.as_json:
-        out.print_json(json.dumps(found.findings.model_dump(mode="json")))
+        out.print_json(json.dumps(found.joined.model_dump(mode="json")))
     else:
         for line in explained_lines(found):
             out.print(line)
@@ -106,8 +111,11 @@ def _written(task: Task, found: Explanation) -> Explanation:
     for course in found.courses:
         if course.hidden:
             _write_hidden(task.output / "hidden" / f"{course.flight.label}.csv", course.flight.time_s, course.hidden)
-    write_findings(task.output / "findings.json", findings)
     found = replace(found, findings=findings)
+    write_findings(task.output / "findings.json", found.joined)
+    if task.vehicle is not None and isinstance(found.demand, DemandSide) and found.demand.repaired is not None:
+        text = with_demand(task.vehicle.read_text(encoding="utf-8"), found.demand.repaired, found.demand.efficiency)
+        (task.output / "vehicle.toml").write_text(text, encoding="utf-8")
     (task.output / _PAGE).write_text(explained_page(found), encoding="utf-8")
     return found
 

@@ -8,12 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from bhm_service.battery.battery_file import BatteryFile, ModelName
+from bhm_service.config import Vehicle
 from bhm_service.discrepancy import verdict
 from bhm_service.discrepancy.advice import advice
 from bhm_service.discrepancy.candidate import NotExcited, candidates
 from bhm_service.discrepancy.confirm import HeldOut, harmful, held_out
 from bhm_service.discrepancy.crossing import Witness, witness
 from bhm_service.discrepancy.decoys import BEATEN, contests
+from bhm_service.discrepancy.demand_side import demand_side
 from bhm_service.discrepancy.explanation import Contest, Course, Explanation
 from bhm_service.discrepancy.findings import ChangePoint, EffectFound, Findings, Fit, Inferred, Quantity, Region
 from bhm_service.discrepancy.fitting import Fitted
@@ -48,6 +50,7 @@ class Request:
     model: ModelName = "circ"
     series: int | None = None
     capacity_c: float | None = None
+    vehicle: Vehicle | None = None  # whose demand model the flights' power is held against
 
 
 def explain(request: Request, progress: Progress = lambda _: None) -> Explanation:
@@ -85,6 +88,8 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
         battery = repaired(request.battery, fitted, f"repaired by bhm explain: {', '.join(sorted(chosen.names))}")
     elif judged.verdict == "parameter":
         battery = retuned(request.battery, fitted)
+    if request.vehicle is not None:
+        progress("the power that was asked for")
     over = variables([c.flight for c in courses], [c.soc for c in courses])
     off = np.concatenate([c.flight.voltage_v - c.before_v for c in courses])
     return Explanation(
@@ -103,6 +108,7 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
         sentence=sentence(findings, len(flights), moved_of(fitted)),
         in_words=[effect_in_words(e.id, values_of(fitted, e.id), lab, flights, courses) for e in findings.effects],
         findings=findings.model_copy(update={"advice": advice(found, chosen, judged.verdict)}),
+        demand=demand_side(request.vehicle, request.flights),
     )
 
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from bhm_service.battery.battery_file import BatteryFile
 from bhm_service.discrepancy.candidate import NotExcited
 from bhm_service.discrepancy.confirm import HeldOut
+from bhm_service.discrepancy.demand_findings import joined_findings
+from bhm_service.discrepancy.demand_side import DemandSide, NotLooked
 from bhm_service.discrepancy.findings import Findings
 from bhm_service.discrepancy.flights import FlightData, LeftOut
 from bhm_service.discrepancy.lab import Lab
@@ -64,4 +66,10 @@ class Explanation:
     flying: Sequence[Flying]
     sentence: str  # the verdict in one sentence, for a flight engineer
     in_words: Sequence[str]  # each effect's size in words
-    findings: Findings
+    findings: Findings  # of the battery's side
+    demand: DemandSide | NotLooked = NotLooked("no vehicle file was given (--vehicle)")
+
+    @property
+    def joined(self) -> Findings:
+        """What both sides found."""
+        return joined_findings(self.findings, self.demand)

@@ -4,14 +4,47 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Generic, Protocol
 
 import numpy as np
+from typing_extensions import TypeVar
 
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.noise import Noise
+from bhm_service.identification.unknowns import Unknowns
 from bhm_service.units import Array
 
 _FAR = 3.0  # standard deviations: beyond, an innovation counts by its size, not by its square
+
+
+class Problem(Protocol):
+    """What a hypothesis has to say for a fit: `Joint` of the battery, and the demand's own."""
+
+    @property
+    def unknowns(self) -> Unknowns:
+        """Everything that is looked for."""
+        ...
+
+    @property
+    def scale(self) -> Array:
+        """Standard deviation of what was known before, of every number."""
+        ...
+
+    @property
+    def known(self) -> Array:
+        """Curvature of half the cost by what was known before, in those standard deviations."""
+        ...
+
+    def pulls(self, x: Array) -> Array:
+        """What the vector costs by what was known before; its square is the cost."""
+        ...
+
+    def linearised(self, x: Array, noise: Noise) -> tuple[list[Array], list[Array]]:
+        """For each flight whitened residuals (N,) and their slopes (N, n) by the vector in standard deviations."""
+        ...
+
+
+ProblemT = TypeVar("ProblemT", bound=Problem, default=Joint)
 
 
 def bulk(rows: Sequence[Array]) -> float:
@@ -29,10 +62,10 @@ def weights(row: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Fitted:
+class Fitted(Generic[ProblemT]):
     """A hypothesis at its best."""
 
-    joint: Joint
+    joint: ProblemT
     noise: Noise
     x: Array
     cost: float
@@ -71,8 +104,8 @@ class Fitted:
 
 
 def fit(
-    joint: Joint, noise: Noise, start: Array | None = None, rounds: int = 12, moving: Sequence[str] | None = None
-) -> Fitted:
+    joint: ProblemT, noise: Noise, start: Array | None = None, rounds: int = 12, moving: Sequence[str] | None = None
+) -> Fitted[ProblemT]:
     """Maximum a posteriori by damped Gauss-Newton inside the bounds; ``moving`` names the blocks that move."""
     unknowns = joint.unknowns
     still = np.zeros(unknowns.start.size, dtype=bool)
@@ -110,7 +143,7 @@ def fit(
     return Fitted(joint=joint, noise=noise, x=x, cost=cost, rows=rows, slopes=slopes, curvature=curvature)
 
 
-def _curvature(joint: Joint, rows: Sequence[Array], slopes: Sequence[Array]) -> Array:
+def _curvature(joint: Problem, rows: Sequence[Array], slopes: Sequence[Array]) -> Array:
     total = joint.known.copy()
     for row, slope in zip(rows, slopes, strict=True):
         total += slope.T @ (weights(row)[:, None] * slope)

@@ -6,9 +6,11 @@ and takes away what is the same in all flights; on each such null the best of al
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
+
 import numpy as np
 
-from bhm_service.discrepancy.search import Names, Search, candidate_geometry
+from bhm_service.discrepancy.search import Geometry, Names, Search, candidate_geometry
 from bhm_service.units import Array
 
 NULLS = 200
@@ -20,16 +22,20 @@ def familywise(found: Search, names: Names, rng: np.random.Generator) -> dict[st
     if not names:
         return {}
     whole = found.fitted(names)
-    rows = np.concatenate([np.clip(r, -5.0, 5.0) for r in whole.rows])
-    signs = _signs([r.size for r in whole.rows], rng)
     bare = found.fitted(frozenset())
+    geometries = (candidate_geometry(bare, found.joint(frozenset({c.id})), c) for c in found.candidates)
+    return exceeded({name: found.earned(names)[name] for name in names}, whole.rows, geometries, rng)
+
+
+def exceeded(
+    gains: Mapping[str, float], rows: Sequence[Array], geometries: Iterable[Geometry], rng: np.random.Generator
+) -> dict[str, float]:
+    """The share of nulls, made of the whitened ``rows``, in which the best candidate gains as much. [0, 1]"""
+    residuals = np.concatenate([np.clip(r, -5.0, 5.0) for r in rows])
+    nulls = residuals[:, None] * _signs([r.size for r in rows], rng)
     best = np.full(NULLS, -np.inf)
-    gains: dict[str, float] = {}
-    for candidate in found.candidates:
-        geometry = candidate_geometry(bare, found.joint(frozenset({candidate.id})), candidate)
-        best = np.maximum(best, _gain(geometry.directions.T @ (rows[:, None] * signs), geometry.information))
-    for name in names:
-        gains[name] = found.earned(names)[name]
+    for geometry in geometries:
+        best = np.maximum(best, _gain(geometry.directions.T @ nulls, geometry.information))
     return {name: float((1 + np.sum(best >= gain)) / (1 + NULLS)) for name, gain in gains.items()}
 
 

@@ -13,6 +13,7 @@ from bhm_service.battery.effects.shapes import OcvShape, ResistanceShape
 from bhm_service.discrepancy.explanation import Course
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.lab import Lab
+from bhm_service.discrepancy.labels import flight_name
 from bhm_service.discrepancy.toll import effect_of, minute_after_takeoff, temperature_k
 from bhm_service.units import (
     FARADAY,
@@ -99,27 +100,6 @@ def volts_between(low: float, high: float) -> str:
 def ohms(value: float) -> str:
     """A resistance in milliohm."""
     return f"{1e3 * value:.1f} mohm" if abs(value) < 0.0995 else f"{1e3 * value:.0f} mohm"
-
-
-def flight_name(label: str) -> str:
-    """A flight by its log's name, without the ending."""
-    stem, bracket, part = label.partition(" [")
-    return stem.removesuffix(".gz").rsplit(".", 1)[0] + bracket + part
-
-
-def flights_in_words(labels: Sequence[str], every: Sequence[str]) -> str:
-    """``flights 00 to 02``: some flights out of all, shortly."""
-    if len(labels) == len(every):
-        return "every flight"
-    names = [flight_name(label) for label in labels]
-    if len(names) == 1:
-        return f"flight {names[0]}"
-    first = list(every).index(labels[0])
-    if len(names) > 2 and list(labels) == list(every[first : first + len(labels)]):
-        return f"flights {names[0]} to {names[-1]}"
-    if len(names) > 4:
-        return f"{len(names)} of {len(every)} flights"
-    return f"flights {', '.join(names[:-1])} and {names[-1]}"
 
 
 def _resistance_temperature(s: Scene) -> str:

@@ -13,7 +13,8 @@ from bhm_service.discrepancy.findings import Findings, Region
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.lab import Lab
-from bhm_service.discrepancy.sizes import Scene, flights_in_words, size, volts, volts_between
+from bhm_service.discrepancy.labels import flights_in_words
+from bhm_service.discrepancy.sizes import Scene, size, volts, volts_between
 from bhm_service.discrepancy.toll import Toll, tolls
 from bhm_service.units import Value
 

@@ -18,7 +18,7 @@ from bhm_service.battery.parameters import parameter
 from bhm_service.prediction.demand import AIR_DENSITY
 from bhm_service.units import STANDARD_GRAVITY, Value
 
-_NEWTON_STEPS = 12
+_NEWTON_STEPS, _CLOSE = 12, 1e-9  # each step squares the distance that is left
 # Faster down than this share of the hover's induced velocity, rotors sink into their own wake: no theory holds.
 _DEEPEST = 0.5
 
@@ -60,7 +60,10 @@ def induced_velocity(hover: Value, along: Value, through: Value = 0.0) -> Value:
     v = hover + np.maximum(-through, 0.0)  # from above the root, whence Newton's steps only come down
     for _ in range(_NEWTON_STEPS):
         flow = np.sqrt(along * along + (through + v) ** 2)
-        v = v - (v * flow - hover * hover) / (flow + v * (through + v) / flow)
+        step = (v * flow - hover * hover) / (flow + v * (through + v) / flow)
+        v = v - step
+        if np.all(np.abs(step) < _CLOSE * hover):
+            break
     return v
 
 
@@ -93,13 +96,15 @@ class AirDensity(DemandEffect):
     id: ClassVar[str] = "air-density"
     title: ClassVar[str] = "Thin air costs power"
     equation: ClassVar[str] = "P = P_0 (rho_0 / rho)^n, n = 1/2"
-    source: ClassVar[str] = "momentum theory, NASA/TM-20230012868 eq. (7)"
+    source: ClassVar[str] = (
+        "momentum theory, NASA/TM-20230012868 eq. (7); profile power may grow with density: n down to 0.2"
+    )
     excited_by: ClassVar[str] = "flights at different altitudes or in different seasons"
     mimics: ClassVar[tuple[str, ...]] = ("payload-mass", "propulsion-efficiency")
     manoeuvre: ClassVar[str] = "hover with the same load at two altitudes, barometer and air temperature logged"
     drivers: ClassVar[tuple[str, ...]] = ("density",)
 
-    exponent: Value = parameter("n", "1", 0.0, 1.5, "of the density", absent=0.0, prior=(0.5, 0.05))
+    exponent: Value = parameter("n", "1", 0.0, 1.5, "of the density", absent=0.0, prior=(0.5, 0.15))
 
     def factor(self, motion: Motion) -> Value:
         ratio: Value = (AIR_DENSITY / motion.density) ** self.exponent
@@ -129,12 +134,12 @@ class PayloadMass(DemandEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WindTilt(DemandEffect):
-    """T^2 = W^2 + (rho C_d A V^2 / 2)^2 and P ~ T^(3/2)."""
+    """Thrust carries the weight and overcomes the drag: P ~ T^(3/2); and the drag is moved at the airspeed: D V."""
 
     id: ClassVar[str] = "wind-tilt"
     title: ClassVar[str] = "Drag tilts the vehicle"
-    equation: ClassVar[str] = "P = P_0 (T / W)^(3/2), T^2 = W^2 + (rho CdA V^2 / 2)^2"
-    source: ClassVar[str] = "balance of forces; 2-15 % at 8-12 m/s"
+    equation: ClassVar[str] = "P = P_0 (T / W)^(3/2) (1 + D V / (W v_h)), D = rho CdA V^2 / 2, T^2 = W^2 + D^2"
+    source: ClassVar[str] = "balance of forces and parasite power of rotor theory; 2-15 % at 8-12 m/s"
     excited_by: ClassVar[str] = "fast legs, wind"
     mimics: ClassVar[tuple[str, ...]] = ("translational-lift",)
     manoeuvre: ClassVar[str] = "legs into and down the wind, tilt angle logged"
@@ -143,9 +148,15 @@ class WindTilt(DemandEffect):
     drag_area: Value = parameter("CdA", "m^2", 0.0, 5.0, "drag area of the vehicle", absent=0.0, prior=(0.08, 0.05))
 
     def factor(self, motion: Motion) -> Value:
-        drag = 0.5 * motion.density * self.drag_area * motion.airspeed**2
-        ratio: Value = (1.0 + (drag / motion.weight) ** 2) ** 0.75
+        ratio: Value = (1.0 + self._drag(motion) ** 2) ** 0.75
         return ratio
+
+    def share(self, motion: Motion) -> Value:
+        return self._drag(motion) * motion.airspeed / motion.hover_velocity
+
+    def _drag(self, motion: Motion) -> Value:
+        """Over the weight."""
+        return 0.5 * motion.density * self.drag_area * motion.airspeed**2 / motion.weight
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

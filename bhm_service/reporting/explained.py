@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from textwrap import shorten
+from typing import Any
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, select_autoescape
@@ -13,10 +14,23 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from bhm_service.discrepancy.demand_model import LEVEL_SD
+from bhm_service.discrepancy.demand_side import DemandSide, NotLooked
 from bhm_service.discrepancy.explanation import Course, Explanation
+from bhm_service.discrepancy.labels import flight_name
 from bhm_service.discrepancy.search import NEAR
-from bhm_service.discrepancy.sizes import flight_name
 from bhm_service.reporting import explained_tables as tables
+from bhm_service.reporting.explained_demand import (
+    LASTS_HEADER,
+    POWER_HEADER,
+    demand_blocks,
+    demand_fit,
+    demand_line,
+    lasts,
+    lasts_in_words,
+    power_figure,
+    shown_course,
+)
 from bhm_service.reporting.explained_figure import fitted_figure, held_out_figure, hidden_figure, map_figure
 from bhm_service.reporting.figure import as_html
 from bhm_service.units import ampere_hours
@@ -31,7 +45,7 @@ def explained_page(e: Explanation) -> str:
     """The page as HTML."""
     environment = Environment(loader=PackageLoader("bhm_service.reporting"), autoescape=select_autoescape())
     worst = tables.worst(e)
-    settled = e.findings.verdict in _SETTLED and not e.findings.unexplained_rest
+    settled = e.joined.verdict in _SETTLED and not e.joined.unexplained_rest
     voltages = [(flight_name(f.label), who, as_html(held_out_figure(e, f))) for who, f in worst]
     if not worst:
         fitted = _worst_fitted(e)
@@ -43,6 +57,8 @@ def explained_page(e: Explanation) -> str:
         plotly_js=get_plotlyjs(),
         sentence=e.sentence,
         verdict=e.findings.verdict,
+        demand_line=demand_line(e.demand),
+        **_demand(e.demand),
         tone="good" if settled else "warn",
         regions=tables.regions(e),
         effects=tables.effects(e),
@@ -61,7 +77,7 @@ def explained_page(e: Explanation) -> str:
         flying=tables.flying(e),
         flying_header=tables.FLYING_HEADER,
         flying_sentence=tables.flying_in_words(e),
-        advice=e.findings.advice,
+        advice=e.joined.advice,
         not_shown=tables.not_shown(e),
         left_out=[(r.label, r.because) for r in e.left_out],
         fit=tables.fit(e),
@@ -70,6 +86,40 @@ def explained_page(e: Explanation) -> str:
         rest=f"{100.0 * e.findings.unexplained_rest:.0f} %" if e.findings.unexplained_rest else "",
         **{name: "" if figure is None else as_html(figure) for name, figure in figures.items()},
     )
+
+
+def _demand(demand: DemandSide | NotLooked) -> dict[str, Any]:
+    """What the page says of power; nothing where it was not looked at."""
+    if isinstance(demand, NotLooked):
+        return {}
+    shown = shown_course(demand)
+    return {
+        "demand": demand.verdict,
+        "demand_tone": "good" if demand.verdict in _SETTLED and not demand.rest else "warn",
+        "demand_effects": demand_blocks(demand),
+        "power": (flight_name(shown.flight.label), as_html(power_figure(demand, shown))),
+        "power_fit": demand_fit(demand),
+        "power_header": POWER_HEADER,
+        "lasts": lasts(demand) if demand.effects else [],
+        "lasts_header": LASTS_HEADER,
+        "lasts_sentence": lasts_in_words(demand),
+        "level": f"{100.0 * demand.level.value:+.0f} %",
+        "level_sd": f"{100.0 * LEVEL_SD:.0f} %",
+        "demand_not_shown": ", ".join(demand.not_shown),
+        "demand_rest": f"{100.0 * demand.rest:.0f} %" if demand.rest else "",
+        "vehicle_repaired": demand.repaired is not None,
+    }
+
+
+def _demand_lines(demand: DemandSide | NotLooked) -> list[RenderableType]:
+    found: list[RenderableType] = [_lines(f"demand: {demand_line(demand)}", 2)]
+    if isinstance(demand, NotLooked):
+        return found
+    for block in demand_blocks(demand)[:_TERMINAL_EFFECTS]:
+        found += [_lines(f"{block.id}: {block.equation}", 1, "bold"), *_indented(block.words, 2)]
+    if lasts_in_words(demand):
+        found.append(_lines(lasts_in_words(demand), 1))
+    return found
 
 
 def subtitle(e: Explanation) -> str:
@@ -95,8 +145,9 @@ def _stepped(e: Explanation, drawn: set[str]) -> list[tuple[str, str]]:
 
 def explained_lines(e: Explanation) -> Sequence[RenderableType]:
     """What to print: under forty lines, within a hundred columns."""
-    style = "green" if e.findings.verdict in _SETTLED else "yellow"
-    found: list[RenderableType] = [_lines(f"{e.findings.verdict}: {e.sentence}", 4, f"bold {style}")]
+    style = "green" if e.joined.verdict in _SETTLED else "yellow"
+    found: list[RenderableType] = [_lines(f"{e.joined.verdict}: {e.sentence}", 4, f"bold {style}")]
+    found += _demand_lines(e.demand)
     found += [_lines(f"where: {line}", 2) for line in tables.regions(e)[:_TERMINAL_LINES]]
     blocks = tables.effects(e)
     for block in blocks[:_TERMINAL_EFFECTS]:
@@ -119,7 +170,7 @@ def explained_lines(e: Explanation) -> Sequence[RenderableType]:
         found.append(Text(tables.flying_in_words(e)))
     if e.not_excited:
         found.append(_lines(f"cannot be shown by these recordings: {', '.join(n.id for n in e.not_excited)}", 1))
-    found += [_lines(f"next flight: {line}", 2) for line in e.findings.advice[:_TERMINAL_LINES]]
+    found += [_lines(f"next flight: {line}", 2) for line in e.joined.advice[:_TERMINAL_LINES]]
     found += [_lines(f"left out {r.label}: {r.because}", 1) for r in e.left_out[:_TERMINAL_LINES]]
     if len(e.left_out) > _TERMINAL_LINES:
         found.append(Text(f"left out: {len(e.left_out) - _TERMINAL_LINES} more"))

@@ -10,8 +10,8 @@ from plotly.subplots import make_subplots
 
 from bhm_service.discrepancy.confirm import LeftOutFlight
 from bhm_service.discrepancy.explanation import Course, Explanation
+from bhm_service.discrepancy.labels import flight_name
 from bhm_service.discrepancy.locate import Map
-from bhm_service.discrepancy.sizes import flight_name
 from bhm_service.discrepancy.words import VARIABLES, Variable
 from bhm_service.reporting.figure import MEASURED, legend_beside_each_panel
 from bhm_service.units import ZERO_CELSIUS_K, Array

@@ -23,12 +23,11 @@ from sim.concealed.sensors import Quality, Recording, draw_quality, record, told
 from sim.concealed.sheets import CaseSheet
 from sim.concealed.strength import Shown, power_snr, ranges, voltage_snr
 from sim.concealed.tlog import tlog
+from sim.concealed.vehicle import vehicle_file
 
 CATALOGUE: dict[str, EffectKind] = {e.name: e for e in (*BATTERY_EFFECTS, *SENSOR_EFFECTS, *DEMAND_EFFECTS)}
 OUTSIDE: dict[str, EffectKind] = {e.name: e for e in OUTSIDE_EFFECTS}
 EFFECTS = CATALOGUE | OUTSIDE
-# Physics that every multirotor shows a little of: naming it as well is no error.
-PERMITTED = ("climb-power", "translational-lift", "wind-tilt")
 _EVERY_S = 30
 _DECOYS = ("humidity_pct", "propeller_hours", "gps_satellites_mean", "operator_shift", "link_rssi_dbm")
 
@@ -365,6 +364,7 @@ def generate(sheet: CaseSheet, directory: Path) -> Answer:
         lab.recordings(pack, sheet.generator("lab")) if porous is None else porous.recordings(sheet.generator("lab"))
     )
     _write(directory, bench, logs, sidecar)
+    (directory / "vehicle.toml").write_text(vehicle_file(sheet, pack))
     return Answer(
         case=sheet.name,
         suite=sheet.suite,
@@ -377,7 +377,7 @@ def generate(sheet: CaseSheet, directory: Path) -> Answer:
         pack={"chemistry": pack.chemistry, "capacity_ah": pack.capacity_ah, "series": float(SERIES)},
         effects=effects,
         accept=_accepted(laid, effects, passing),
-        permitted=(*PERMITTED, *laid.scene.permitted),
+        permitted=tuple(laid.scene.permitted),
         change_points=_release_points(laid, flown),
         snr=round(snr, 2),
         snr_class=snr_class(snr),

@@ -19,9 +19,10 @@ _BASE_M = 40.0  # height of the plan
 _CLIMB_S, _DESCENT_MPS = 15.0, 1.25
 REST_S = 150.0  # logged after landing
 _INDUCED_MPS = 6.5  # of the hovering vehicle, at sea level
+_REFERENCE_RHO = 1.184  # [kg/m3] where it was measured
 _FIGURE = 0.60  # electrical to induced power
-_PROFILE = 0.18  # share of the hover power in the blades' drag
-_DRAG_M2 = 0.020  # drag area for each kg
+PROFILE = 0.18  # share of the hover power in the blades' drag
+DRAG_M2 = 0.020  # drag area for each kg
 Flags: TypeAlias = NDArray[np.bool_]
 Indices: TypeAlias = NDArray[np.intp]
 PLANS = ("hover", "legs", "climbs", "speeds", "windy-legs", "shuttle")
@@ -136,6 +137,12 @@ def density(field_m: Array, height_m: Array, air_c: Array) -> Array:
     return out
 
 
+def flies(pack: Pack) -> tuple[float, float]:
+    """Mass [kg] and disc area of all rotors [m2] of the vehicle that is sized for a pack."""
+    mass_kg = (pack.hover_w - pack.avionics_w) * _FIGURE * (1.0 - PROFILE) / (_G * _INDUCED_MPS)
+    return mass_kg, mass_kg * _G / (2.0 * _REFERENCE_RHO * _INDUCED_MPS**2)
+
+
 def demand(rng: np.random.Generator, pack: Pack, knobs: DemandKnobs, plan: Plan) -> Load:
     """Power [W] along the plan; the vehicle is sized for its pack."""
     shape = plan.climb_mps.shape
@@ -145,19 +152,17 @@ def demand(rng: np.random.Generator, pack: Pack, knobs: DemandKnobs, plan: Plan)
 
     along, sideways, up = gusts(rng, shape[1], DT, knobs.wind_mps, knobs.turbulence)
     airborne = plan.airborne.astype(float)
-    mass_kg = (pack.hover_w - pack.avionics_w) * _FIGURE * (1.0 - _PROFILE) / (_G * _INDUCED_MPS)
+    mass_kg, disc_m2 = flies(pack)
     time = np.arange(shape[1]) * DT
     since = time[None, :] - plan.takeoff_s
     gone = np.where(np.nan_to_num(since - column(knobs.release_s), nan=-1.0) > 0.0, column(knobs.released), 0.0)
     mass = mass_kg * column(knobs.mass) * (1.0 - gone)
-    reference_rho = 1.184
-    disc_m2 = mass_kg * _G / (2.0 * reference_rho * _INDUCED_MPS**2)
     height = np.cumsum(plan.climb_mps, axis=1) * DT
     rho = density(column(knobs.field_m), height, column(knobs.air_c))
     through_x = plan.speed_mps - column(knobs.wind_mps) - along
     air = np.hypot(through_x, sideways)
     ice = knobs.icing_per_min * np.clip(since, 0.0, None) / 60.0
-    drag = 0.5 * rho * _DRAG_M2 * mass_kg**0.67 * (1.0 + 4.0 * ice) * air**2
+    drag = 0.5 * rho * DRAG_M2 * mass_kg**0.67 * (1.0 + 4.0 * ice) * air**2
     if "tilt" in knobs.without:
         drag = 0.0 * drag
     thrust = np.hypot(mass * _G, drag)
@@ -165,7 +170,7 @@ def demand(rng: np.random.Generator, pack: Pack, knobs: DemandKnobs, plan: Plan)
     rise = 0.7 * up + (0.0 if "climb" in knobs.without else plan.climb_mps)
     across = 0.0 * air if "lift" in knobs.without else air * mass * _G / thrust
     v = induced_mps(hover_v, across, rise)
-    profile = _PROFILE * pack.hover_w * (rho / reference_rho) * (mass / mass_kg) * (1.0 + ice) * (1.0 + 0.0025 * air**2)
+    profile = PROFILE * pack.hover_w * (rho / _REFERENCE_RHO) * (mass / mass_kg) * (1.0 + ice) * (1.0 + 0.0025 * air**2)
     aero = thrust * np.maximum(rise + v, 0.15 * v) + drag * air
     control = 1.0 + 0.03 * coloured(rng, shape, DT, np.full(shape[0], 0.8))
     moving = (aero / _FIGURE * control + profile) / column(knobs.efficiency)

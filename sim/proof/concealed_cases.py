@@ -53,6 +53,8 @@ _TRANSLATED: Mapping[str, Mapping[str, tuple[str, str, Callable[[float], float]]
     "current-gain": {"gain": ("gain", "1", lambda read_of_true: 1.0 / read_of_true - 1.0)},
     "voltage-gain": {"gain": ("gain", "1", lambda read_of_true: read_of_true - 1.0)},
     "voltage-offset": {"offset": ("offset", "V", _as_it_is)},
+    "payload-mass": {"payload": ("payload", "1", _as_it_is)},
+    "propulsion-efficiency": {"lost": ("loss", "1", _as_it_is)},
     "time-skew": {"lag": ("skew", "s", _as_it_is)},
 }
 """World's effect and size: the catalogue's parameter, its unit, and how one becomes the other."""

@@ -10,7 +10,7 @@ from bhm_service.discrepancy.candidate import candidates
 from bhm_service.discrepancy.findings import EffectFound, Findings, Fit, Region
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.joint import Joint
-from bhm_service.discrepancy.sizes import flights_in_words
+from bhm_service.discrepancy.labels import flights_in_words
 from bhm_service.discrepancy.steps import Episode, contact_candidate
 from bhm_service.discrepancy.toll import tolls
 from bhm_service.discrepancy.words import effect_in_words, moved_of, region_in_words, sentence, values_of

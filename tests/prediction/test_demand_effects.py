@@ -43,9 +43,17 @@ def test_air_mass_and_tilt_follow_the_hover_formula():
     assert demanded([AirDensity(exponent=0.5)], motion(density=0.98)) == pytest.approx(power(density=0.98) / power())
     assert demanded([PayloadMass(payload=0.25)], motion()) == pytest.approx(power(7.5) / power())
     tilt = np.arctan(0.5 * AIR_DENSITY * 0.1 * 12.0**2 / (6.0 * 9.80665))
-    tilted = demanded([WindTilt(drag_area=0.1)], motion(airspeed=12.0))
+    tilted = WindTilt(drag_area=0.1).factor(motion(airspeed=12.0))
     assert tilted == pytest.approx(power(tilt_rad=tilt) / power())
     assert demanded([PropulsionEfficiency(loss=0.1)], motion()) == pytest.approx(1.0 / 0.9)
+
+
+def test_drag_costs_what_moving_it_takes():
+    drag = 0.5 * AIR_DENSITY * 0.02 * 8.0**2
+    tilted = np.hypot(6.0 * 9.80665, drag) / (6.0 * 9.80665)
+    hover = 6.0 * 9.80665 * motion().hover_velocity
+    found = demanded([WindTilt(drag_area=0.02)], motion(airspeed=8.0))
+    assert found == pytest.approx(tilted**1.5 * (hover + drag * 8.0) / hover)
 
 
 def test_climb_and_forward_flight_follow_their_closed_forms():

@@ -9,16 +9,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from discrepancy.explained import MIMIC, NAME, RIVAL, explanation
+from discrepancy.ridden import ridden, vehicle
 from rich.console import Console
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.candidate import NotExcited
+from bhm_service.discrepancy.demand_side import demand_side
 from bhm_service.discrepancy.explanation import Contest
 from bhm_service.discrepancy.findings import ChangePoint, EffectFound, Quantity, Region
 from bhm_service.discrepancy.flights import LeftOut
 from bhm_service.discrepancy.selection import Selection
 from bhm_service.reporting import explained_tables as tables
 from bhm_service.reporting.explained import explained_lines, explained_page
+from bhm_service.reporting.explained_demand import power_figure
 from bhm_service.reporting.explained_figure import held_out_figure, hidden_figure, map_figure
 
 
@@ -259,3 +262,36 @@ def test_the_fullest_explanation_stays_under_forty_lines_and_within_a_hundred_co
     lines = printed(full).splitlines()
     assert len(lines) < 40
     assert max(map(len, lines)) <= 100
+
+
+# ---- demand ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def climbed(done):
+    return replace(done, demand=demand_side(vehicle(), [ridden(k) for k in range(3)]))
+
+
+def test_page_tells_of_power_what_it_tells_of_voltage(climbed):
+    page = outside(explained_page(climbed))
+    assert "Demand: The vehicle file leaves out physics of the demand: climbing costs power." in page
+    assert re.search(r"Climbing at 3 m/s costs \d\d % more power", page)
+    assert "On the same energy flight" in page and "vehicle.toml" in page
+
+
+def test_power_figure_shows_measured_before_and_after_with_units(climbed):
+    plot = power_figure(climbed.demand, climbed.demand.courses[0])
+    assert {"measured", "vehicle file", "explanation"} <= {trace.name for trace in plot.data}
+    assert plot.layout.yaxis.title.text == "Power [W]"
+
+
+def test_terminal_tells_of_the_demand_and_stays_short(climbed):
+    text = printed(climbed)
+    assert "demand: The vehicle file leaves out" in text and "Climbing at 3 m/s" in text
+    assert len(text.splitlines()) < 40
+
+
+def test_demand_that_was_not_looked_at_is_one_line(done):
+    assert "demand: not looked at: no vehicle file was given (--vehicle)." in printed(done)
+    page = outside(explained_page(done))
+    assert "Demand: not looked at" in page and "power given motion" not in page

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import gzip
 import hashlib
+import tomllib
 from collections import Counter
 from dataclasses import replace
 
@@ -16,8 +17,10 @@ from bhm_service.mavlink.log import read_log
 from bhm_service.messages import BatteryStatus, Heartbeat, LandedState
 from sim.concealed.answer import Answer
 from sim.concealed.generate import CATALOGUE, OUTSIDE, generate
+from sim.concealed.packs import draw_pack
 from sim.concealed.sheets import CaseSheet, EffectSheet
 from sim.concealed.suites import SUITES, draw_suite
+from sim.concealed.vehicle import vehicle_file
 
 NULL = CaseSheet(suite="test", seed=5, index=3, kind="null", flights=2)
 FADE = replace(NULL, kind="single", effects=(EffectSheet("capacity-fade", "large"),))
@@ -49,6 +52,7 @@ def test_a_case_is_laid_out_as_a_user_has_it(null):
         "flights/00.tlog",
         "flights/01.tlog",
         "flights/flights.csv",
+        "vehicle.toml",
     }
     for path in (folder / "lab").iterdir():
         with gzip.open(path, "rt") as stream:
@@ -56,6 +60,13 @@ def test_a_case_is_laid_out_as_a_user_has_it(null):
     rows = list(csv.DictReader((folder / "flights" / "flights.csv").read_text().splitlines()))
     assert [row["file"] for row in rows] == ["00.tlog", "01.tlog"]
     assert {"battery_id", "rest_voltage_V", "rest_minutes"} <= set(rows[0])
+
+
+def test_the_vehicles_maker_knows_all_but_what_is_concealed():
+    pack = draw_pack(NULL.generator("pack"))
+    hidden = replace(NULL, effects=(EffectSheet("climb-power", "large"),))
+    terms = [[t["id"] for t in tomllib.loads(vehicle_file(s, pack))["demand"]] for s in (NULL, hidden)]
+    assert terms == [["climb-power", "translational-lift", "wind-tilt"], ["translational-lift", "wind-tilt"]]
 
 
 def test_the_same_sheet_gives_the_same_bytes(null, tmp_path):

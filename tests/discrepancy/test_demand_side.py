@@ -1,0 +1,159 @@
+"""What the power of flights says of a vehicle's demand model, against momentum theory written down by hand."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from discrepancy.explained import findings
+from discrepancy.ridden import CLIMB, EFFICIENCY, ridden, vehicle
+
+from bhm_service.config import Vehicle
+from bhm_service.discrepancy.demand_findings import joined_findings
+from bhm_service.discrepancy.demand_side import DemandSide, NotLooked, demand_side
+from bhm_service.errors import BadInputError
+from bhm_service.prediction.demand_file import known_demand, with_demand
+
+RELEASED_S = {0: 220.0, 2: 260.0}
+
+
+def looked(flights, *demand, **about):
+    found = demand_side(vehicle(*demand, **about), flights)
+    assert isinstance(found, DemandSide)
+    return found
+
+
+@pytest.fixture(scope="module")
+def complete():
+    return looked([ridden(k) for k in range(4)], CLIMB)
+
+
+@pytest.fixture(scope="module")
+def climbing():
+    return looked([ridden(k) for k in range(4)])
+
+
+@pytest.fixture(scope="module")
+def loaded():
+    flights = [ridden(k, heavier=0.1 * (k in RELEASED_S), released_s=RELEASED_S.get(k)) for k in range(4)]
+    return looked(flights, CLIMB)
+
+
+def ids(found):
+    return [e.id for e in found.effects]
+
+
+def test_a_vehicle_that_flies_as_its_file_says_lacks_nothing(complete):
+    assert complete.verdict == "none"
+    assert complete.effects == () and complete.change_points == () and complete.repaired is None
+    assert abs(complete.level.value) < 0.02
+
+
+def test_climb_power_that_the_file_lacks_comes_back_within_its_spread(climbing):
+    assert (climbing.verdict, ids(climbing)) == ("named", ["climb-power"])
+    told = climbing.effects[0].parameters["induced"]
+    assert abs(told.value - 0.85) < 2.0 * told.sd < 0.1
+    before, after = climbing.unseen_w
+    assert after < 0.7 * before
+    assert "Climbing at 3 m/s costs" in climbing.in_words[0]
+
+
+def test_a_payload_that_is_let_go_is_found_in_time_and_in_weight(loaded):
+    assert (loaded.verdict, ids(loaded)) == ("named", ["payload-mass"])
+    times = {c.flight: c.time_s for c in loaded.change_points}
+    assert times == {f"{k:02d}.tlog": pytest.approx(at, abs=5.0) for k, at in RELEASED_S.items()}
+    told = loaded.effects[0].parameters["payload"]
+    assert abs(told.value - 0.1) < 3.0 * told.sd < 0.03
+    assert "flights 00 and 02" in loaded.in_words[0]
+
+
+def test_a_payload_on_some_flights_is_told_from_wear_that_grows_over_all():
+    some = looked([ridden(k, heavier=0.15 * (k in (1, 2, 4))) for k in range(6)], CLIMB)
+    wear = looked([ridden(k, worn=0.15 * k / 5) for k in range(6)], CLIMB)
+    assert (ids(some), ids(wear)) == (["payload-mass"], ["propulsion-efficiency"])
+    told = wear.effects[0].parameters["loss"]
+    assert abs(told.value - 0.15) < 3.0 * told.sd
+
+
+def test_more_power_on_all_flights_alike_is_no_physics_but_a_wrong_figure():
+    found = looked([ridden(k, heavier=0.3) for k in range(4)], CLIMB)
+    assert (found.verdict, found.effects) == ("parameter", ())
+    assert found.level.value == pytest.approx(1.3**1.5 - 1.0, rel=0.1)
+    assert found.efficiency == pytest.approx(EFFICIENCY / (1.0 + found.level.value))
+
+
+def test_power_that_no_effect_explains_is_owned_up_to():
+    flights = [ridden(k) for k in range(4)]
+    iced = 1.0 + 0.25 * np.clip((flights[1].time_s - 200.0) / 150.0, 0.0, 1.0) * flights[1].airborne
+    found = looked([flights[0], replace(flights[1], current_a=flights[1].current_a * iced), *flights[2:]], CLIMB)
+    assert found.verdict == "unknown" and found.rest > 0.5
+
+
+@pytest.mark.parametrize(
+    ("given", "flights", "said"),
+    [
+        (None, [ridden(0), ridden(1)], "no vehicle file"),
+        (Vehicle.model_validate({"name": "x", "battery": {"file": "b"}}), [ridden(0), ridden(1)], r"no \[rotors\]"),
+        (vehicle(), [ridden(0), replace(ridden(1), climb_mps=ridden(1).climb_mps * np.nan)], "1 of the flights tell"),
+    ],
+    ids=["no vehicle", "no figures of the rotors", "no motion"],
+)
+def test_what_cannot_be_looked_at_is_said_and_changes_no_finding(given, flights, said):
+    found = demand_side(given, flights)
+    assert isinstance(found, NotLooked)
+    assert re.search(said, found.because)
+    assert joined_findings(findings(), found) == findings()
+
+
+@pytest.mark.parametrize(
+    ("battery", "demand", "both"),
+    [
+        ("none", "none", "none"),
+        ("none", "named", "named"),
+        ("ambiguous", "named", "ambiguous"),
+        ("named", "ambiguous", "ambiguous"),
+        ("unknown", "named", "named"),
+        ("named", "unknown", "named"),
+        ("none", "parameter", "parameter"),
+        ("not-excited", "none", "not-excited"),
+        ("sensor-suspect", "none", "sensor-suspect"),
+    ],
+)
+def test_a_verdict_is_of_both_sides(complete, battery, demand, both):
+    of_battery = findings().model_copy(update={"verdict": battery})
+    assert joined_findings(of_battery, replace(complete, verdict=demand)).verdict == both
+
+
+def test_what_cannot_be_told_apart_is_a_whole_set_of_both_sides(climbing):
+    of_battery = findings().model_copy(update={"alternatives": [["contact-resistance"]]})
+    both = joined_findings(of_battery, replace(climbing, alternatives=(("payload-mass",),)))
+    assert [e.id for e in both.effects] == ["resistance-temperature", "climb-power"]
+    assert both.alternatives == [["climb-power", "contact-resistance"], ["payload-mass", "resistance-temperature"]]
+
+
+def test_the_repaired_vehicle_file_holds_what_was_found(climbing, tmp_path):
+    text = '# mine\nname = "v"\n[battery]\nfile = "b.toml"\n[rotors]\nmass_kg = 5.0\nrotors = 4\nrotor_radius_m = 0.2\n'
+    fresh = with_demand(text, climbing.repaired, climbing.efficiency)
+    assert fresh.startswith("# mine")
+    (known,) = known_demand(Vehicle.model_validate(tomllib.loads(fresh)), "v.toml")
+    assert known.effect.id == "climb-power"
+    assert float(known.effect.induced) == pytest.approx(climbing.effects[0].parameters["induced"].value, rel=1e-6)
+    assert known.sd == pytest.approx(climbing.effects[0].parameters["induced"].sd, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        ({"id": "climb"}, "'climb' is not known"),
+        ({"id": "climb-power"}, "'induced' is missing"),
+        ({"id": "climb-power", "induced": 9.0}, "9 is outside 0 ... 2"),
+        ({"id": "climb-power", "induced": 0.8, "indused": 0.8}, "did you mean 'induced'"),
+    ],
+)
+def test_a_wrong_demand_table_is_named(table, said):
+    with pytest.raises(BadInputError, match=r"v\.toml") as told:
+        known_demand(vehicle(table), "v.toml")
+    assert said in str(told.value)
