@@ -173,7 +173,10 @@ def prove(again: Path | None, **given: Any) -> None:
 @click.argument("logs", nargs=-1, required=True, type=_FILE, metavar="LOG...")
 @click.option("--battery", type=_FILE, required=True, help="The battery file that the flights disagree with.")
 @click.option(
-    "--vehicle", type=_FILE, help="Vehicle file: cells and capacity where the battery file is of a cell only."
+    "--vehicle",
+    type=_FILE,
+    help="Vehicle file: power is held against its [rotors] and [[demand]]; cells and "
+    "capacity where the battery file is of a cell only.",
 )
 @click.option("--sidecar", type=_FILE, help="CSV about the flights: file, rest_voltage_V, rest_minutes, cycles, "
               "storage_days, ambient_C.")  # fmt: skip
@@ -188,7 +191,7 @@ def prove(again: Path | None, **given: Any) -> None:
 def explain(**given: Any) -> None:
     """Say which physics the battery file leaves out, by the flights that disagree with it.
 
-    Writes findings.json, a report (index.html) and, where something was found, the repaired battery.toml.
+    Writes findings.json, report.html and, where something was found, the repaired battery.toml and vehicle.toml.
     """
     from bhm_service.commands.explain import Task, explain_logs
 

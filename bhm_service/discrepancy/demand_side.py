@@ -29,6 +29,9 @@ _SLOW_S = 60.0  # misfit faster than this is wind and control
 # Slow misfit in a flight, of the hover's power: three times the most that wind leaves (1 % in the concealed world's
 # nulls), or half of that where other flights have a third of it.
 _STRANGE, _UNLIKE = 0.03, 3.0
+# No equation of the catalogue is exact: a rotor's profile power goes with the weight, not with its power of 3/2, and
+# grows with speed. A number means what it says to this share.
+_FORM_SD = 0.05
 _REST = 0.15  # of the misfit: what is left beyond this is said to be left
 
 
@@ -99,7 +102,8 @@ def _found(found: DemandSearch, chosen: Chosen) -> DemandSide:
     errors = rms(before), rms(after)
     effects = _effects(found, chosen, fitted, max(1.0 - (errors[1] / errors[0]) ** 2, 0.0))
     slow = [_slow(a, c.flight) for a, c in zip(after, courses, strict=True)]
-    left = [rms([s]) for s in slow]
+    # What one flight's hover is off by is scatter, not a shape that no effect has.
+    left = [rms([_slow(m, f)]) for m, f in zip(fitted.joint.misfits(fitted.x), fitted.joint.flights, strict=True)]
     strange = max(left) > min(_STRANGE, max(_UNLIKE * float(np.median(left)), _STRANGE / 2.0))
     where = fitted.joint.places["level"]
     level = Quantity(value=float(np.expm1(fitted.x[where][0])), sd=float(fitted.sd("level")[0]), unit="1")
@@ -174,7 +178,8 @@ def _effects(found: DemandSearch, chosen: Chosen, fitted: Fit, explained: float)
 
 def _parameters(term: Term, fitted: Fit) -> dict[str, Quantity]:
     (declared,) = term.kind.parameters()
-    x, sd = fitted.x[fitted.joint.places[term.key]], fitted.sd(term.key)
+    x = fitted.x[fitted.joint.places[term.key]]
+    sd = np.hypot(fitted.sd(term.key), _FORM_SD * x)
     labels = [f"{declared.name}[{f.label}]" for f in fitted.joint.flights] if term.per_flight else [declared.name]
     return {
         label: Quantity(value=float(v), sd=float(s), unit=declared.unit)
@@ -190,8 +195,8 @@ def _repaired(fitted: Fit) -> tuple[KnownDemand, ...]:
         found.append(_known(type(known.effect), float(fitted.x[fitted.joint.places[key]][0]), float(fitted.sd(key)[0])))
     for term in fitted.joint.terms:
         if term.id != PAYLOAD:
-            value, sd = float(fitted.x[fitted.joint.places[term.key]][0]), float(fitted.sd(term.key)[0])
-            found.append(_known(term.kind, value, sd))
+            (told,) = _parameters(term, fitted).values()
+            found.append(_known(term.kind, told.value, told.sd))
     return tuple(found)
 
 

@@ -58,10 +58,11 @@ def test_a_withheld_temperature_is_in_the_answer_on_the_logs_own_clock(made):
 def test_true_sizes_are_in_the_catalogues_own_parameters(made):
     from bhm_service.battery.effects import EFFECTS
     from bhm_service.battery.parameters import parameters_of
+    from bhm_service.prediction.demand_effects import DEMAND_EFFECTS
     from sim.proof.concealed_cases import _TRANSLATED
 
     for effect, sizes in _TRANSLATED.items():
-        units = {p.name: p.unit for p in parameters_of(EFFECTS[effect])}
+        units = {p.name: p.unit for p in parameters_of((EFFECTS | DEMAND_EFFECTS)[effect])}
         for ours, unit, _ in sizes.values():
             assert units[ours] == unit, (effect, ours)
     _, _, answer = made
