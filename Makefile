@@ -9,8 +9,9 @@ BIN := $(VENV)/bin
 run: $(VENV)/.ready
 	@$(BIN)/python -m sim.demo
 
+# worksteal: neighbours stay on one core, and what they share is made once.
 test: $(VENV)/.ready-dev check
-	$(BIN)/pytest -n auto
+	$(BIN)/pytest -n auto --dist worksteal
 
 check: $(VENV)/.ready-dev
 	$(BIN)/ruff check --quiet

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -43,6 +44,12 @@ def run(flight: Path) -> tuple[Replay, list[bytes]]:
     return pages, outgoing_frames(log, pages)
 
 
+@cache
+def played(name: str) -> tuple[Replay, list[bytes]]:
+    """A flight of the folder, replayed once for all who look at it."""
+    return run(GOLDEN / f"{name}.tlog")
+
+
 def table(pages: Replay) -> str:
     """What went out, a line a second."""
     lines: dict[float, dict[str, float]] = {}
@@ -76,7 +83,7 @@ def test_replay_says_what_it_said_before(name, request):
     flight, golden = GOLDEN / f"{name}.tlog", GOLDEN / f"{name}.csv"
     if request.config.getoption("--update-golden"):
         flight.write_bytes(FLIGHTS[name]())
-    said = table(run(flight)[0])
+    said = table(played(name)[0])
     if request.config.getoption("--update-golden"):
         before = golden.read_text() if golden.exists() else "time_s\n"
         changed = differences(before, said) if golden.exists() else ["new"]
@@ -88,14 +95,14 @@ def test_replay_says_what_it_said_before(name, request):
 
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_replay_of_the_same_flight_twice_gives_the_same_bytes(name):
-    first, again = run(GOLDEN / f"{name}.tlog")[1], run(GOLDEN / f"{name}.tlog")[1]
+    first, again = played(name)[1], run(GOLDEN / f"{name}.tlog")[1]
     assert first == again
     assert len(first) > 200
 
 
 def test_the_truth_is_inside_the_bands():
     """The simulated pack is another than the one in the file; the bands hold what it really lasts and holds."""
-    pages, _ = run(GOLDEN / "hover.tlog")
+    pages, _ = played("hover")
     last = {model: estimates[-1] for model, estimates in pages.estimates.items()}
     used = sum(
         0.5 * ((a.current_a or 0.0) + (b.current_a or 0.0)) * (b.time_s - a.time_s) for a, b in pairwise(pages.samples)
@@ -106,7 +113,7 @@ def test_the_truth_is_inside_the_bands():
 
 
 def test_current_lost_in_flight_ends_the_estimate_until_it_is_back():
-    pages, _ = run(GOLDEN / "current_lost.tlog")
+    pages, _ = played("current_lost")
     start = pages.samples[0].time_s
     health = {round(r.time_s - start): r.health for r in pages.remaining}
     assert health[65] == 0
@@ -115,7 +122,7 @@ def test_current_lost_in_flight_ends_the_estimate_until_it_is_back():
 
 
 def test_spikes_are_rejected_and_move_nothing():
-    pages, _ = run(GOLDEN / "voltage_spikes.tlog")
+    pages, _ = played("voltage_spikes")
     for estimates in pages.estimates.values():
         assert sum(e.rejected is not None for e in estimates) == 2  # 18.25 V and 9.4 V; 0 V is no reading
         soc = [e.soc for e in estimates]
@@ -123,14 +130,14 @@ def test_spikes_are_rejected_and_move_nothing():
 
 
 def test_a_clock_that_is_set_in_flight_is_not_seen_in_the_result():
-    pages, _ = run(GOLDEN / "clock_set.tlog")
+    pages, _ = played("clock_set")
     times = [r.time_s for r in pages.remaining]
     assert max(b - a for a, b in pairwise(times)) < 1.5
     assert min(b - a for a, b in pairwise(times)) > 0.5
 
 
 def test_a_swapped_pack_is_noticed_and_the_estimate_begins_anew():
-    pages, _ = run(GOLDEN / "pack_swapped.tlog")
+    pages, _ = played("pack_swapped")
     assert len(pages.changes) == 1
     flights = [p.time_s for p in pages.phases if p.airborne]
     estimates = pages.estimates[Model.CIRC]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import pytest
 from executive.flight import Notebook, play, quad, seconds
@@ -25,7 +26,7 @@ from bhm_service.messages import (
 )
 from bhm_service.standing import StandingFile
 
-FLIGHT_S = 90.0
+FLIGHT_S = 72.0  # a minute of it has to count
 SERVICE = Service.model_validate({"estimators": [{"model": "circ"}], "prediction": {"samples": 10}})
 
 
@@ -37,7 +38,8 @@ def with_resistance(equipment, factor):
     return replace(equipment, battery=replace(battery, circ=circ, uncertainty=sure))
 
 
-RIGHT, WRONG = with_resistance(quad(), 1.0), with_resistance(quad(), 8.0)
+OURS, OFF = 1.0, 8.0  # times the resistance that ships
+RIGHT, WRONG = with_resistance(quad(), OURS), with_resistance(quad(), OFF)
 
 
 def duel(old, new, standing=None):
@@ -46,9 +48,14 @@ def duel(old, new, standing=None):
     return bus, sink
 
 
+@cache
+def flight(number):
+    return list(seconds(flight_s=FLIGHT_S, left=0.95, begin_s=1000.0 + 400.0 * number))
+
+
 def fly(bus, count=1, begin=0):
     for k in range(begin, begin + count):
-        play(bus, seconds(flight_s=FLIGHT_S, left=0.95, begin_s=1000.0 + 400.0 * k))
+        play(bus, flight(k))
 
 
 def told(sink, kind):
@@ -59,9 +66,11 @@ def codes(sink):
     return [e.code for e in told(sink, Event) if e.code.name.startswith("SHADOW")]
 
 
-def values(equipment, flights=1):
+@cache
+def said_by(factor, flights):
+    """Named values of physics that flies alone."""
     sink = Notebook(NamedValue)
-    bus = assemble(equipment, SERVICE, [sink])
+    bus = assemble(with_resistance(quad(), factor), SERVICE, [sink])
     fly(bus, flights)
     return sink.heard
 
@@ -69,7 +78,7 @@ def values(equipment, flights=1):
 def test_better_physics_speaks_after_two_flights_and_only_then():
     bus, sink = duel(WRONG, RIGHT)
     fly(bus)
-    assert told(sink, NamedValue) == values(WRONG)
+    assert told(sink, NamedValue) == said_by(OFF, 1)
     assert codes(sink) == []
     fly(bus, begin=1)
     assert codes(sink) == [EventCode.SHADOW_IN_CHARGE]
@@ -79,7 +88,7 @@ def test_better_physics_speaks_after_two_flights_and_only_then():
     sink.heard.clear()
     fly(bus, begin=2)
     assert told(sink, NamedValue) != []
-    assert told(sink, NamedValue) == values(RIGHT, 3)[-len(told(sink, NamedValue)) :]
+    assert told(sink, NamedValue) == said_by(OURS, 3)[-len(told(sink, NamedValue)) :]
 
 
 @pytest.mark.parametrize("new", [WRONG, RIGHT], ids=["worse", "the same"])
@@ -87,7 +96,7 @@ def test_physics_that_is_no_better_never_speaks(new):
     bus, sink = duel(RIGHT, new)
     fly(bus, 3)
     assert codes(sink) == []
-    assert told(sink, NamedValue) == values(RIGHT, 3)
+    assert told(sink, NamedValue) == said_by(OURS, 3)
     assert [s.flights for s in told(sink, Standing)] == [1, 2, 3]
 
 
@@ -98,7 +107,7 @@ def test_physics_in_charge_that_becomes_worse_is_sent_back_in_flight():
     (event,) = [e for e in told(sink, Event) if e.code is EventCode.SHADOW_ROLLED_BACK]
     assert "worse than the old physics" in event.text
     after = [v for v in told(sink, NamedValue) if v.time_s > event.time_s]
-    assert after == [v for v in values(RIGHT) if v.time_s > event.time_s]
+    assert after == [v for v in said_by(OURS, 1) if v.time_s > event.time_s]
     assert not told(sink, Standing)[-1].shadow_in_charge
     assert told(sink, Standing)[-1].flights == 1
 
@@ -114,13 +123,12 @@ def test_physics_in_charge_that_knows_nothing_is_sent_back():
 
 
 def test_a_duel_goes_on_from_what_it_remembers_and_counts_both_sides_apps():
-    flight = list(seconds(flight_s=FLIGHT_S, left=0.95))
     (first, one), (second, other) = duel(WRONG, RIGHT), duel(WRONG, RIGHT)
-    play(first, flight[:60])
+    play(first, flight(0)[:60])
     restore(second.apps, states(first.apps))
     one.heard.clear()
-    play(first, flight[60:])
-    play(second, flight[60:])
+    play(first, flight(0)[60:])
+    play(second, flight(0)[60:])
     assert told(other, NamedValue) == told(one, NamedValue)
     assert packed(told(other, Standing)) == packed(told(one, Standing))
     assert {"old reader", "new reader", "duel"} <= {h.app for h in told(one, Housekeeping)}

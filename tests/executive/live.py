@@ -158,7 +158,7 @@ def start(
 def end(process: subprocess.Popen[str], number: int = signal.SIGTERM) -> str:
     """End the service; what it printed."""
     process.send_signal(number)
-    out, err = process.communicate(timeout=20)
+    out, err = process.communicate(timeout=120)
     assert "Traceback" not in err
     return out
 
