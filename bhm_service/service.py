@@ -60,7 +60,9 @@ def run_service(urls: Sequence[str], config: Path | None, vehicle: Path | None, 
     link = settings.link
     key = None if link.signing_key is None else read_key(link.signing_key)
     settings_asked = (options_parameter(equipment.vehicle.battery.id),)
-    links = Links(urls or link.urls, link.system, link.component, key, settings_asked)
+    # With a service file nobody may be there to read that a port is taken or an address not there yet: wait for it.
+    patient = config is not None
+    links = Links(urls or link.urls, link.system, link.component, key, settings_asked, patient)
     screen = Screen(_print, every_second="JOURNAL_STREAM" not in os.environ)
     where = ", ".join(urls or link.urls)
     _print(f"{equipment.vehicle.name}, battery {equipment.battery.name}; listening on {where}, Ctrl-C ends\n")

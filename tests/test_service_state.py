@@ -157,6 +157,17 @@ def test_a_full_disk_behind_what_is_printed_costs_only_the_words(tmp_path):
     assert service.returncode == 0
 
 
+def test_a_port_that_is_taken_when_the_computer_starts_is_waited_for(tmp_path):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", 0))
+        port = other.getsockname()[1]
+        service = start(config(tmp_path, port))
+        time.sleep(1.0)
+    with flying(port, speed=4.0) as vehicle:
+        vehicle.wait_for("BHM_RFT", 0.0, PATIENCE_S)
+        assert "address already in use: is another program on this port?" in end(service)
+
+
 CLOCK = """
 import sys, time
 real, begin = time.time, time.monotonic()

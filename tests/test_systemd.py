@@ -49,6 +49,7 @@ def test_it_starts_what_there_is_and_watches_it(service):
     assert service["Type"] == "notify"
     assert service["WatchdogSec"] == "10s"
     assert service["Restart"] == "always"
+    assert service["RestartPreventExitStatus"] == "2"  # a wrong file
     words = service["ExecStart"].split()
     assert words[1:3] == ["run", "--config"]
     assert words[3] == "/etc/bhm/service.toml"

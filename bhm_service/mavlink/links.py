@@ -47,7 +47,8 @@ class Links:
     ``system`` is the vehicle to follow; the first whose autopilot is heard where it is None. ``key`` turns signing on:
     then nothing unsigned is believed. ``settings`` are parameters that ArduPilot is asked for when it appears.
     ``clock`` times the messages, ``wall`` (Unix seconds) only signatures.
-    Raises BadInputError for a URL that cannot be, or a UDP or TCP port of ours that cannot be had.
+    Raises BadInputError for a URL that cannot be and, unless ``patient``, for a UDP or TCP port of ours that cannot be
+    had now.
     """
 
     def __init__(
@@ -57,6 +58,7 @@ class Links:
         component: int = COMPONENT,
         key: bytes | None = None,
         settings: Sequence[str] = (),
+        patient: bool = False,
         clock: Callable[[], float] = time.monotonic,
         wall: Callable[[], float] = time.time,
     ) -> None:
@@ -75,7 +77,7 @@ class Links:
         self._said: list[tuple[int, Message]] = []
         for link in self._links:
             self._open(link, self._beat_s)
-            if not link.is_open and link.url.kind in ("udpin", "tcpin"):
+            if not link.is_open and not patient and link.url.kind in ("udpin", "tcpin"):
                 self.close()
                 raise BadInputError(f"link {link.url.text}", link.because)
 
