@@ -9,14 +9,14 @@ from typing import ClassVar, Literal, Self
 
 import numpy as np
 
-from bhm_service.battery.battery_file import Joined, ModelName
+from bhm_service.battery.battery_file import ModelName
 from bhm_service.battery.cell import CellModel
 from bhm_service.battery.chem import X_N_MAX, Chem, nernst
 from bhm_service.battery.circ import Circ
-from bhm_service.battery.effects import Effect, ResistanceTemperature, SlowDiffusion
 from bhm_service.battery.ocv import CubicCapacitance, MonotoneSpline
 from bhm_service.battery.redlich_kister import horner, polynomial
 from bhm_service.identification.curve import BENDS, BentCurve, spline_of, table_of
+from bhm_service.identification.extras import Extras
 from bhm_service.identification.unknowns import Block, Unknowns, numbers, positive
 from bhm_service.units import SECONDS_PER_HOUR, Array
 
@@ -24,55 +24,9 @@ ORDER = 13  # of the Redlich-Kister series: A_0 .. A_13
 SURFACE_FRACTION = 0.1  # Daigle & Kulkarni 2013; not told apart from the diffusion time by any recording
 _AMPLITUDE = 1e4  # [J/mol] unit of A_k in the fits
 _RIDGE_V = 1e-3  # [V] weight that keeps A_k small where the curve does not need them: left free they reach 1e8 J/mol
-_KILO = 1e3  # an activation energy is looked for in kJ/mol
 _FAR = 400.0  # reach of A_k, in that unit
 _FAR_OFF = (4.0, 0.25)  # times the time constants: what a fit may have missed behind a hill
 _LAGS_S = (1.0, 8.0, 40.0)  # [s] of Chem's ohmic drop and overpotentials: which is which is tried
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Extras:
-    """Effects that are identified with the cell."""
-
-    temperature: bool = False
-    slow: bool = False
-    names: ClassVar[tuple[str, ...]] = ("activation_energy", "slow_resistance", "slow_time")
-
-    def blocks(self, ohm: float) -> list[Block]:
-        """Their unknowns; ``ohm`` is the size of the cell's resistance."""
-        found = []
-        if self.temperature:
-            found.append(numbers("activation_energy", np.array([20.0]), 8.0, 19.0))
-        if self.slow:
-            found.append(positive("slow_resistance", 0.5 * ohm, 1e-3 * ohm, 10.0 * ohm, 4.0))
-            found.append(positive("slow_time", 200.0, 15.0, 5000.0, 3.0))
-        return found
-
-    def effects(self, values: Mapping[str, Array]) -> list[Effect]:
-        """The effects of a set of values."""
-        found: list[Effect] = []
-        if self.temperature:
-            found.append(ResistanceTemperature(activation_energy=_KILO * values["activation_energy"]))
-        if self.slow:
-            found.append(SlowDiffusion(resistance=values["slow_resistance"], time_constant=values["slow_time"]))
-        return found
-
-    def joined(self, model: ModelName, values: Mapping[str, Array], sd: Mapping[str, float]) -> tuple[Joined, ...]:
-        """The effects of one set of values, as the battery file holds them."""
-        found = []
-        if self.temperature:
-            effect: Effect = ResistanceTemperature(activation_energy=_KILO * _one(values["activation_energy"]))
-            spread = {"activation_energy": _KILO * sd["activation_energy"]}
-            found.append(Joined(effect=effect, model=model, sd=spread))
-        if self.slow:
-            effect = SlowDiffusion(resistance=_one(values["slow_resistance"]), time_constant=_one(values["slow_time"]))
-            spread = {"resistance": sd["slow_resistance"], "time_constant": sd["slow_time"]}
-            found.append(Joined(effect=effect, model=model, sd=spread))
-        return tuple(found)
-
-
-def _one(values: Array) -> float:
-    return float(values.ravel()[0])
 
 
 def _put(unknowns: Unknowns, x: Array, name: str, number: float | Array) -> None:
@@ -147,7 +101,7 @@ class CircFamily(Family):
     """Circ around a curve: as a spline that may bend, or as the paper's cubic."""
 
     name = "circ"
-    time_constants = ("c_sp", "slow_time")
+    time_constants = ("c_sp", "slow_time", "slower_time")
     shaping = ("bends", "v_0", "cubic")
     ocv: Literal["spline", "cubic"] = "spline"
 
@@ -159,7 +113,7 @@ class CircFamily(Family):
             positive("r_s", ohm, 0.02 * ohm, 20.0 * ohm, 3.0),
             positive("r_sp0", 0.5 * ohm, 1e-3 * ohm, 20.0 * ohm, 4.0),
             positive("r_sp1", 0.02 * ohm, 1e-6 * ohm, 5.0 * ohm, 20.0),
-            numbers("r_sp2", np.array([5.0]), 4.0, 5.0),
+            replace(numbers("r_sp2", np.array([5.0]), 4.0, 5.0), high=np.array([25.0])),  # NCA: some 17
             positive("c_sp", farad, 1e-3 * farad, 300.0 * farad, 5.0),
         ]
         if self.ocv == "spline":
@@ -218,7 +172,7 @@ class ChemFamily(Family):
     """Chem around a curve: its Redlich-Kister series bends with the fit."""
 
     name = "chem"
-    time_constants = ("t_diffusion", "tau_p", "slow_time")
+    time_constants = ("t_diffusion", "tau_p", "slow_time", "slower_time")
     shaping = ("u_0", "a_p")
 
     def blocks(self) -> list[Block]:

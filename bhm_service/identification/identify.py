@@ -86,7 +86,7 @@ def identify(request: Request, progress: Progress = lambda _: None) -> Identifie
         raise stranger
     results = tuple(_one(model, request, thin, premises, progress) for model in request.models)
     return Identified(
-        battery=_battery(request, results),
+        battery=_battery(request, results, premises.capacity_sd),
         results=results,
         step_ohm=step_resistance(request.experiments),
         remarks=premises.remarks,
@@ -95,8 +95,8 @@ def identify(request: Request, progress: Progress = lambda _: None) -> Identifie
 
 def steps(request: Request) -> int:
     """How often `identify` will report progress, at most."""
-    per_model = 10 if request.method == "trf" else 5
-    return 1 + len(request.models) * (per_model + bool(request.held_out)) + 3 * ("circ" in request.models)
+    per_model = 12 if request.method == "trf" else 5
+    return 1 + len(request.models) * (per_model + bool(request.held_out)) + 5 * ("circ" in request.models)
 
 
 def _one(
@@ -208,7 +208,7 @@ def _strained(solution: Solution) -> list[str]:
 # ---- the file -------------------------------------------------------------------------------------------------------
 
 
-def _battery(request: Request, results: Sequence[ModelResult]) -> BatteryFile:
+def _battery(request: Request, results: Sequence[ModelResult], capacity_sd: float) -> BatteryFile:
     by_model = {r.model: r for r in results}
     known = [r.unseen_v for r in results if np.isfinite(r.unseen_v)]
     circ, chem = (by_model[m].cell if m in by_model else None for m in ("circ", "chem"))
@@ -222,8 +222,16 @@ def _battery(request: Request, results: Sequence[ModelResult]) -> BatteryFile:
         chem=chem,
         joined=tuple(j for r in results for j in r.joined),
         uncertainty=Uncertainty(voltage_error_v=float(np.clip(max(known, default=0.01), *_VOLTAGE_ERROR))),
-        sd={r.model: parameter_sd(r.solution, r.spread) for r in results},
+        sd={r.model: {**parameter_sd(r.solution, r.spread), **_charge_sd(r.cell, capacity_sd)} for r in results},
     )
+
+
+def _charge_sd(cell: Circ | Chem, capacity_sd: float) -> dict[str, float]:
+    """What is known of the capacity, which no fit moves. [C]"""
+    if capacity_sd == 0.0:
+        return {}
+    name, charge = ("c_max", cell.c_max) if isinstance(cell, Circ) else ("q_max", cell.q_max)
+    return {name: capacity_sd * float(np.asarray(charge))}
 
 
 def parameter_sd(solution: Solution, spread_: Spread) -> dict[str, float]:

@@ -12,7 +12,8 @@ from bhm_service.errors import BadInputError
 from bhm_service.identification.assess import step_resistance
 from bhm_service.identification.curve import from_rates, from_slow
 from bhm_service.identification.experiment import Experiment, Kind
-from bhm_service.identification.families import ChemFamily, CircFamily, Extras, Family
+from bhm_service.identification.extras import Extras
+from bhm_service.identification.families import ChemFamily, CircFamily, Family
 from bhm_service.identification.problem import FULL_SOC_SD, Problem, problem_of
 from bhm_service.identification.solve import solve
 from bhm_service.identification.unseen import BETTER, unseen_error
@@ -35,6 +36,7 @@ class Premises:
     """What all fits of a pack start from."""
 
     capacity_c: float
+    capacity_sd: float  # as a logarithm
     curve: MonotoneSpline
     curve_sd: float  # [V]
     scale_sd: tuple[float, ...]  # of each recording's own capacity, as a logarithm
@@ -57,6 +59,7 @@ def premises_of(experiments: Sequence[Experiment], capacity_ah: float | None) ->
     curve, curve_sd, how = _curve(experiments, capacity_c)
     begins = Premises(
         capacity_c=capacity_c,
+        capacity_sd=_capacity_sd(experiments, capacity_ah),
         curve=curve,
         curve_sd=curve_sd,
         scale_sd=(EXACT,) * len(experiments),
@@ -86,6 +89,13 @@ def _capacity(experiments: Sequence[Experiment], told_ah: float | None) -> tuple
             "(--capacity-ah to differ)"
         )
     return out, f"capacity {out / SECONDS_PER_HOUR:.4g} Ah, the charge of the slow discharge (to {end_v:.2f} V a cell)"
+
+
+def _capacity_sd(experiments: Sequence[Experiment], told_ah: float | None) -> float:
+    """How full a full pack is and how empty an empty one; how far rates take it, where nothing is slow."""
+    if told_ah is not None:
+        return 0.0
+    return 2.0**0.5 * FULL_SOC_SD if any(e.kind is Kind.SLOW for e in experiments) else _LOADED_SCALE_SD
 
 
 def _curve(experiments: Sequence[Experiment], capacity_c: float) -> tuple[MonotoneSpline, float, list[str]]:
@@ -133,6 +143,7 @@ def _of_their_age(begins: Premises, experiments: Sequence[Experiment]) -> Premis
     aged = replace(
         begins,
         capacity_c=capacity_c,
+        capacity_sd=float(np.hypot(begins.capacity_sd, np.std(scales))),
         scale_sd=tuple(_SLOW_SCALE_SD if is_slow else EXACT for is_slow in slow),
         remarks=(
             *begins.remarks,

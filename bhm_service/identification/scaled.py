@@ -15,7 +15,8 @@ from bhm_service.battery.effects import Effect
 from bhm_service.battery.redlich_kister import horner, polynomial
 from bhm_service.battery.uncertainty import Uncertainty
 from bhm_service.identification.curve import BENDS, BentCurve, spline_of, table_of
-from bhm_service.identification.families import Extras, Family
+from bhm_service.identification.extras import Extras
+from bhm_service.identification.families import Family
 from bhm_service.identification.unknowns import Block, numbers, positive
 from bhm_service.units import Array
 

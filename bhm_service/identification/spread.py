@@ -23,7 +23,7 @@ class Spread:
 
     covariance: Array
     bootstrap_sd: Array
-    told: dict[str, float]  # standard deviation over the prior's, for every number
+    told: dict[str, float]  # the larger standard deviation over the prior's, for every number
     alike: tuple[tuple[str, str, float], ...]  # pairs that the recordings cannot tell apart, with their correlation
 
     def sd(self, k: int) -> float:
@@ -65,11 +65,13 @@ def spread(solution: Solution, seed: int = 1, *, as_expected: bool = False) -> S
     if as_expected:
         wider = np.sqrt(np.maximum(np.diag(inverse) / np.maximum(np.diag(covariance), 1e-300), 1.0))
         covariance = covariance * np.outer(wider, wider)
+    # No recording takes away what was known before, which a linear step from few segments may seem to.
+    bootstrap_sd = np.minimum(_bootstrap(segments, np.array(owner), prior, curvature, seed), prior_sd)
+    larger = np.maximum(np.sqrt(np.maximum(np.diag(covariance), 0.0)), bootstrap_sd)
     return Spread(
         covariance=covariance,
-        # No recording takes away what was known before, which a linear step from few segments may seem to.
-        bootstrap_sd=np.minimum(_bootstrap(segments, np.array(owner), prior, curvature, seed), prior_sd),
-        told=_told(unknowns.names, covariance, prior_sd),
+        bootstrap_sd=bootstrap_sd,
+        told={name: float(s / p) for name, s, p in zip(unknowns.names, larger, prior_sd, strict=True)},
         alike=_alike(unknowns.names, covariance),
     )
 
@@ -122,11 +124,6 @@ def _bootstrap(
         matrix = curvatures[chosen].sum(axis=0) + prior + ridge
         steps[k] = np.linalg.solve(matrix, gradients[chosen].sum(axis=0) - mean_gradient)
     return np.asarray(steps.std(axis=0))
-
-
-def _told(names: list[str], covariance: Array, prior_sd: Array) -> dict[str, float]:
-    sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    return {name: float(s / p) for name, s, p in zip(names, sd, prior_sd, strict=True)}
 
 
 def _alike(names: list[str], covariance: Array) -> tuple[tuple[str, str, float], ...]:

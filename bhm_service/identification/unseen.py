@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bhm_service.identification.experiment import Kind
 from bhm_service.identification.problem import Problem
 from bhm_service.identification.solve import solve
 from bhm_service.identification.unknowns import Block
@@ -53,6 +54,19 @@ def unseen_error(problem: Problem) -> Unseen:
     sound = all(_sound(block, *(x[problem.unknowns.slice_of(block.name)] for x in found_x)) for block in additions)
     means = np.array([np.mean(own) for own in squares if own])
     return Unseen(float(np.sqrt(means.mean())), float(np.exp(0.5 * np.log(means).mean())), sound)
+
+
+def foretold(problem: Problem) -> list[float]:
+    """Error on each recording under load, foretold by a fit to all others [V]; nothing where there is only one."""
+    loaded = [k for k, e in enumerate(problem.experiments) if e.kind is not Kind.SLOW]
+    errors = []
+    for left_out in loaded if len(loaded) > 1 else ():
+        seen = tuple(used & (k != left_out) for k, used in enumerate(problem.used))
+        found = solve(replace(problem, used=seen), evaluations=25)
+        misfit, soc = problem.misfits(found.x)[left_out]
+        weight = problem.experiments[left_out].weights() * (problem.used[left_out] & (soc > _LEAST_SOC))
+        errors.append(float(np.sqrt(np.nansum(weight * misfit**2) / weight.sum())))
+    return errors
 
 
 def _sound(block: Block, one: Array, other: Array) -> bool:

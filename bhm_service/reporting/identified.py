@@ -10,15 +10,15 @@ import numpy as np
 from bhm_service.battery.battery_file import ModelName
 from bhm_service.battery.parameters import Parameter, parameters_of
 from bhm_service.identification.assess import Assessment, Error, step_resistance
-from bhm_service.identification.families import Extras
+from bhm_service.identification.extras import Extras
 from bhm_service.identification.identify import Identified, ModelResult
 from bhm_service.units import SECONDS_PER_HOUR, Value
 
 QUALITY_HEADER = ("recording", "", "model", "RMSE", "bias", "best possible")
 PARAMETER_HEADER = ("", "value", "± sd", "unit", "sd, covariance", "sd, bootstrap", "meaning")
 _EFFECT_BLOCKS = {
-    ("slow-diffusion", "resistance"): "slow_resistance",
-    ("slow-diffusion", "time_constant"): "slow_time",
+    ("slow-diffusion", "resistance"): ("slow_resistance", "slower_resistance"),
+    ("slow-diffusion", "time_constant"): ("slow_time", "slower_time"),
 }
 _FACTOR = 0.5  # of a logarithm: a wider spread is told as a factor
 _NOT_TOLD = "not told"
@@ -123,9 +123,11 @@ def parameters(result: ModelResult) -> list[ParameterRow]:
         rows.append(
             _row(result, declared, getattr(result.cell, declared.name), _CAPACITY if follows else declared.name)
         )
-    for joined in result.joined:
+    for k, joined in enumerate(result.joined):
+        earlier = sum(j.effect.id == joined.effect.id for j in result.joined[:k])
         for declared in parameters_of(type(joined.effect)):
-            block = _EFFECT_BLOCKS.get((joined.effect.id, declared.name), declared.name)
+            one_each = _EFFECT_BLOCKS.get((joined.effect.id, declared.name), ())
+            block = one_each[earlier] if earlier < len(one_each) else declared.name
             rows.append(_row(result, declared, getattr(joined.effect, declared.name), block))
     shown = {p.name for p in parameters_of(type(result.cell))} | {_CAPACITY, *Extras.names}
     for scale in result.solution.problem.unknowns.blocks:

@@ -116,7 +116,7 @@ def test_two_rates_of_a_drone_pouch_foretell_two_others(lab: Path) -> None:
 
 
 def test_slow_one_c_and_pulses_of_a_real_cell_foretell_drive_cycles(lab: Path) -> None:
-    """The goal is 15 mV: Circ reaches it on one of two cycles; a crude one-RC model has 25 mV."""
+    """The goal is 15 mV, which Circ misses on US06 by a little; a crude one-RC model has 25 mV."""
     folder = lab / "panasonic_18650pf"
     fitted = {"c20_ocv": Kind.SLOW, "dis1C_start_1": Kind.ONE_C, "hppc_lite": Kind.PULSES}
     found = identify(
@@ -131,7 +131,7 @@ def test_slow_one_c_and_pulses_of_a_real_cell_foretell_drive_cycles(lab: Path) -
     )
     cycle, us06 = errors(found, "circ", unseen=True).values()
     assert cycle < 0.015
-    assert us06 < 0.025
+    assert us06 < 0.017
 
 
 def test_capacity_of_every_discharge_of_an_ageing_cell_is_the_data_sets_own(lab: Path) -> None:

@@ -17,6 +17,7 @@ from bhm_service.identification.unseen import unseen_error
 from bhm_service.units import REFERENCE_TEMPERATURE_K
 
 SLOW = SlowDiffusion(resistance=0.006, time_constant=400.0)
+HOUR = SlowDiffusion(resistance=0.012, time_constant=4000.0)
 COLD = ResistanceTemperature(activation_energy=20e3)
 
 
@@ -56,8 +57,15 @@ def test_nothing_joins_a_cell_that_lacks_nothing():
 def test_slow_diffusion_that_is_there_joins():
     family, error, remarks = chosen(bench(SLOW))
     assert family.extras.slow
+    assert not family.extras.slower
     assert error == pytest.approx(NOISE_V, rel=0.5)
     assert any("slow diffusion: joins" in said for said in remarks)
+
+
+def test_diffusion_over_an_hour_joins_beside_that_over_minutes():
+    family, _, remarks = chosen(bench(SLOW, HOUR))
+    assert family.extras.slower
+    assert any("diffusion over an hour beside it: joins" in said for said in remarks)
 
 
 @pytest.mark.parametrize(("effects", "joins"), [((COLD,), True), ((), False)])

@@ -8,7 +8,8 @@ from battery.cells import CAPACITY_C, circ
 from identification.known import one_c, slow, variable
 
 from bhm_service.battery.pack import PackModel
-from bhm_service.identification.families import ChemFamily, CircFamily, Extras
+from bhm_service.identification.extras import Extras
+from bhm_service.identification.families import ChemFamily, CircFamily
 from bhm_service.identification.premises import premises_of, problem_for
 from bhm_service.identification.problem import STEP
 

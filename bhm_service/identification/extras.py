@@ -1,0 +1,74 @@
+"""Effects that are identified with a cell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from bhm_service.battery.battery_file import Joined, ModelName
+from bhm_service.battery.effects import Effect, ResistanceTemperature, SlowDiffusion
+from bhm_service.identification.unknowns import Block, numbers, positive
+from bhm_service.units import Array
+
+_KILO = 1e3  # an activation energy is looked for in kJ/mol
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Extras:
+    """Effects that are identified with the cell."""
+
+    temperature: bool = False
+    slow: bool = False
+    slower: bool = False  # a second pair: diffusion lasts from seconds to an hour
+    names: ClassVar[tuple[str, ...]] = (
+        "activation_energy", "slow_resistance", "slow_time", "slower_resistance", "slower_time",
+    )  # fmt: skip
+
+    @property
+    def _pairs(self) -> list[str]:
+        return [name for name, joins in (("slow", self.slow), ("slower", self.slower)) if joins]
+
+    def blocks(self, ohm: float) -> list[Block]:
+        """Their unknowns; ``ohm`` is the size of the cell's resistance."""
+        found = []
+        if self.temperature:
+            found.append(numbers("activation_energy", np.array([20.0]), 8.0, 19.0))
+        if self.slow:
+            found.append(positive("slow_resistance", 0.5 * ohm, 1e-3 * ohm, 10.0 * ohm, 4.0))
+            found.append(positive("slow_time", 200.0, 15.0, 5000.0, 3.0))
+        if self.slower:
+            found.append(positive("slower_resistance", 0.5 * ohm, 1e-3 * ohm, 10.0 * ohm, 4.0))
+            found.append(positive("slower_time", 1000.0, 15.0, 20000.0, 3.0))
+        return found
+
+    def effects(self, values: Mapping[str, Array]) -> list[Effect]:
+        """The effects of a set of values."""
+        found: list[Effect] = []
+        if self.temperature:
+            found.append(ResistanceTemperature(activation_energy=_KILO * values["activation_energy"]))
+        found.extend(
+            SlowDiffusion(resistance=values[f"{pair}_resistance"], time_constant=values[f"{pair}_time"])
+            for pair in self._pairs
+        )
+        return found
+
+    def joined(self, model: ModelName, values: Mapping[str, Array], sd: Mapping[str, float]) -> tuple[Joined, ...]:
+        """The effects of one set of values, as the battery file holds them."""
+        found = []
+        if self.temperature:
+            effect: Effect = ResistanceTemperature(activation_energy=_KILO * _one(values["activation_energy"]))
+            spread = {"activation_energy": _KILO * sd["activation_energy"]}
+            found.append(Joined(effect=effect, model=model, sd=spread))
+        for pair in self._pairs:
+            resistance, time = f"{pair}_resistance", f"{pair}_time"
+            effect = SlowDiffusion(resistance=_one(values[resistance]), time_constant=_one(values[time]))
+            spread = {"resistance": sd[resistance], "time_constant": sd[time]}
+            found.append(Joined(effect=effect, model=model, sd=spread))
+        return tuple(found)
+
+
+def _one(values: Array) -> float:
+    return float(values.ravel()[0])
