@@ -30,7 +30,7 @@ FLIGHT_SD = 0.015
 _UNSAID_SD = 0.15  # of a number of the vehicle file that comes without one, as a share of it
 _EDGE_S = 5.0  # after take-off and before landing that are neither flight nor rest
 _KNOWN_SHARE = 0.8  # of a flight's samples that must tell its motion
-_SHORTEST_S = 60.0
+_SHORTEST_S = 20.0  # in the air
 _STANDARD_PA, _STANDARD_K, _LAPSE = 101325.0, 288.15, 0.19026  # T = 288.15 K (p / p0)^0.19026, ISO 2533
 _STEP = 1e-3  # of finite differences, in standard deviations of what was known before
 
@@ -81,7 +81,7 @@ class Flown:
 
 
 def flown_of(data: FlightData) -> Flown | None:
-    """A flight as the demand side sees it; None where it is not in the air for a minute, or tells no motion."""
+    """A flight as the demand side sees it; None where it is hardly in the air or tells no motion."""
     air = np.flatnonzero(data.airborne)
     if air.size == 0:
         return None

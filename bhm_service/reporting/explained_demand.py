@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from plotly.subplots import make_subplots
 
+from bhm_service.discrepancy.demand_search import needed
 from bhm_service.discrepancy.demand_side import DemandSide, NotLooked, PowerCourse
 from bhm_service.discrepancy.findings import EffectFound
 from bhm_service.discrepancy.labels import flight_name
@@ -42,7 +43,8 @@ def _block(found: EffectFound, words: str) -> EffectBlock:
         meaning = declared.meaning + (f" (flight {flight_name(of)})" if of else "")
         rows.append((declared.symbol, f"{with_sd(told.value, told.sd)}{unit}", meaning))
     grounds = [
-        f"Evidence: {found.evidence_nats:.0f} nats beyond the best explanation without it; 10 are asked for.",
+        f"Evidence: {found.evidence_nats:.0f} nats beyond the best explanation without it; "
+        f"{needed(found.id):.0f} are asked for.",
         f"{100.0 * found.share_of_misfit:.0f} % of the squared power error goes with it.",
     ]
     return EffectBlock(kind.title, found.id, kind.equation, kind.source, words, rows, grounds)
