@@ -28,7 +28,7 @@ from bhm_service.units import SECONDS_PER_HOUR
 
 _WIDTH = 100
 _PAGE = "report.html"
-_STEPS = 9  # that the search announces, about
+_STEPS = 10  # that the search announces, about
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

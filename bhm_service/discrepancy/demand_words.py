@@ -95,11 +95,15 @@ def _payload(term: Term, fitted: Fitted[Demand]) -> str:
             f"{100.0 * x.max():+.0f} % (flight {flight_name(high)}), {mass_kg * np.ptp(x):.2f} kg between them."
         )
     carried = [label for label, shape in zip(every, term.shapes, strict=True) if shape.any()]
+    others = "its own" if len(carried) == len(every) else "on the others"
     text = (
         f"On {flights_in_words(carried, every)} the vehicle carried {100.0 * x[0]:.1f} % of its mass "
-        f"({mass_kg * x[0]:.2f} kg) more than on the others: {_percent((1.0 + float(x[0])) ** 1.5)}"
+        f"({mass_kg * x[0]:.2f} kg) more than {others}: {_percent((1.0 + float(x[0])) ** 1.5)}"
     )
-    return text + (f", and let it go on {flights_in_words(sorted(dropped), every)}." if dropped else ".")
+    if not dropped:
+        return text + "."
+    all_of_them = "" if dropped == set(carried) else f" on {flights_in_words(sorted(dropped), every)}"
+    return f"{text}, until it was let go{all_of_them}."
 
 
 def _efficiency(term: Term, fitted: Fitted[Demand]) -> str:
