@@ -90,6 +90,14 @@ def test_a_battery_file_that_is_not_there_is_named(bhm, tmp_path, battery):
     assert "known.toml" in err
 
 
+def test_a_wrong_demand_table_of_the_vehicle_is_refused_before_the_search(bhm, tmp_path):
+    vehicle = tmp_path / "v.toml"
+    vehicle.write_text('name = "v"\n[battery]\nfile = "known.toml"\n[[demand]]\nid = "climb-power"\ninduced = 9.0\n')
+    status, _, err = bhm(write(tmp_path / "0.csv", columns()), "--vehicle", vehicle)
+    assert status == 2
+    assert "climb-power" in sentence(err) and "9 is outside 0 ... 2" in sentence(err)
+
+
 def test_it_writes_findings_prints_them_and_leaves_out_what_is_unusable(bhm, tmp_path):
     logs = [write(tmp_path / f"{k}.csv", columns(amps=14.0 + k)) for k in range(2)]
     short = write(tmp_path / "short.csv", columns(seconds=50.0))
