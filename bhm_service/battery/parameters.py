@@ -30,6 +30,7 @@ class Parameter:
     driver: str | None = None  # what is known of a flight that gives this number: never fitted
     model: Literal["circ", "chem"] | None = None  # of this model only; with the other it stays at its default
     source: str = ""  # of prior and bounds
+    beside: str | None = None  # the driver without which it means nothing: fitted only where that is known
 
     def si(self, value: float) -> float:
         """A value in ``unit`` as the model holds it."""
@@ -51,10 +52,11 @@ def parameter(
     driver: str | None = None,
     model: Literal["circ", "chem"] | None = None,
     source: str = "",
+    beside: str | None = None,
 ) -> Any:
     """Declare a dataclass field as a model parameter; ``default`` is in SI, all else in ``unit``."""
     metadata = {
-        _KEY: (symbol, unit, low, high, meaning, scale, absent, prior, per_flight, driver, model, source),
+        _KEY: (symbol, unit, low, high, meaning, scale, absent, prior, per_flight, driver, model, source, beside),
     }
     if default is None:
         return dataclasses.field(metadata=metadata)

@@ -163,7 +163,7 @@ def _candidate(
     for part in (kind, *carriers):
         priors = part.priors(pack_wh)
         for p in part.parameters():
-            if p.model not in (None, model):
+            if p.model not in (None, model) or (p.beside is not None and p.beside not in known):
                 continue
             if p.driver is not None:
                 if p.driver in known:

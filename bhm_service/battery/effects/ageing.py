@@ -19,13 +19,24 @@ def _age() -> Value:
     return age
 
 
+def _settled() -> Value:
+    settled: Value = parameter(
+        "b", "1", 0.0, 1.0, "share of it that was there before the first of these flights", default=0.0,
+        prior=(0.3, 0.3), beside="age",
+    )  # fmt: skip
+    return settled
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CapacityFade(Effect):
-    """Q = Q_0 (1 - k a) with a the age: cycles, days or, where it is not known, one."""
+    """Q = Q_0 (1 - k a) with a the age: cycles, days or, where it is not known, one.
+
+    A share b of the loss may be older than all flights: k (b + (1 - b) a).
+    """
 
     id: ClassVar[str] = "capacity-fade"
     title: ClassVar[str] = "The pack has lost capacity"
-    equation: ClassVar[str] = "Q = Q_0 (1 - k a)"
+    equation: ClassVar[str] = "Q = Q_0 (1 - k [b + (1 - b) a])"
     source: ClassVar[str] = "cycle life of LiPo packs: 10-20 % after 200-300 cycles"
     excited_by: ClassVar[str] = "deep flights, packs of different age"
     mimics: ClassVar[tuple[str, ...]] = (
@@ -37,19 +48,23 @@ class CapacityFade(Effect):
     fade: Value = parameter(
         "k", "1", 0.0, 0.8, "share of the capacity lost", absent=0.0, prior=(0.10, 0.06)
     )  # fmt: skip
+    settled: Value = _settled()
     age: Value = _age()
 
     def modifiers(self, state: tuple[Value, ...], at: Conditions) -> Modifiers:
-        return Modifiers(capacity=1.0 - self.fade * self.age)
+        return Modifiers(capacity=1.0 - self.fade * (self.settled + (1.0 - self.settled) * self.age))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResistanceGrowth(Effect):
-    """R = R_0 (1 + k a) in the ohmic part and in charge transfer, which both grow with age; diffusion does not."""
+    """R = R_0 (1 + k a) in the ohmic part and in charge transfer, which both grow with age; diffusion does not.
+
+    A share b of the growth may be older than all flights, as with the capacity.
+    """
 
     id: ClassVar[str] = "resistance-growth"
     title: ClassVar[str] = "The pack's resistance has grown"
-    equation: ClassVar[str] = "R = R_0 (1 + k a), ohmic and charge transfer"
+    equation: ClassVar[str] = "R = R_0 (1 + k [b + (1 - b) a]), ohmic and charge transfer"
     source: ClassVar[str] = "impedance over life of NASA PCoE B0005-B0018 (Re and Rct both rise); +20..100 %"
     excited_by: ClassVar[str] = "throttle steps, packs of different age"
     mimics: ClassVar[tuple[str, ...]] = ("resistance-temperature", "contact-resistance", "current-gain")
@@ -58,8 +73,9 @@ class ResistanceGrowth(Effect):
     growth: Value = parameter(
         "k", "1", -0.5, 5.0, "share by which the resistance has grown", absent=0.0, prior=(0.4, 0.3)
     )  # fmt: skip
+    settled: Value = _settled()
     age: Value = _age()
 
     def modifiers(self, state: tuple[Value, ...], at: Conditions) -> Modifiers:
-        growth = 1.0 + self.growth * self.age
+        growth = 1.0 + self.growth * (self.settled + (1.0 - self.settled) * self.age)
         return Modifiers(resistance=growth, kinetics=1.0 / growth)

@@ -24,7 +24,7 @@ class EntropicVoltage(Effect):
     drivers: ClassVar[tuple[str, ...]] = ("temperature",)
 
     slope: Value = parameter(
-        "dU/dT", "mV/K", -0.6, 0.6, "of a cell", scale=1e-3, absent=0.0, prior=(0.0, 0.25)
+        "dU/dT", "mV/K", -1.2, 1.2, "of a cell", scale=1e-3, absent=0.0, prior=(0.0, 0.25)
     )  # fmt: skip
 
     def heat(self, state: tuple[Value, ...], now: Instant) -> Value:

@@ -34,7 +34,7 @@ def _millivolts(soc: float) -> Value:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OcvShape(Effect):
-    """dV = n d(SoC), straight between six charges."""
+    """dV = n d(SoC), straight between eleven charges: a phase of the electrodes is a tenth of the charge wide."""
 
     id: ClassVar[str] = "ocv-shape"
     title: ClassVar[str] = "The open-circuit curve has another shape"
@@ -43,17 +43,22 @@ class OcvShape(Effect):
     excited_by: ClassVar[str] = "flights over the whole charge"
     mimics: ClassVar[tuple[str, ...]] = ("slow-diffusion", "hysteresis", "partial-charge", "entropic-voltage")
     manoeuvre: ClassVar[str] = "a discharge of this pack at C/50 on the bench"
-    knots: ClassVar[tuple[float, ...]] = (0.0, 0.1, 0.25, 0.5, 0.75, 1.0)
+    knots: ClassVar[tuple[float, ...]] = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 
     at_0: Value = _millivolts(0.0)
     at_10: Value = _millivolts(0.1)
-    at_25: Value = _millivolts(0.25)
+    at_20: Value = _millivolts(0.2)
+    at_30: Value = _millivolts(0.3)
+    at_40: Value = _millivolts(0.4)
     at_50: Value = _millivolts(0.5)
-    at_75: Value = _millivolts(0.75)
+    at_60: Value = _millivolts(0.6)
+    at_70: Value = _millivolts(0.7)
+    at_80: Value = _millivolts(0.8)
+    at_90: Value = _millivolts(0.9)
     at_100: Value = _millivolts(1.0)
 
     def extra_voltage(self, state: tuple[Value, ...], now: Instant) -> Value:
-        values = (self.at_0, self.at_10, self.at_25, self.at_50, self.at_75, self.at_100)
+        values = tuple(getattr(self, f"at_{round(100 * soc)}") for soc in self.knots)
         return now.series * hats(self.knots, values, now.soc)
 
 

@@ -232,8 +232,8 @@ def test_skewed_voltage_has_the_drop_of_another_moment(skew):
 
 @BOTH
 def test_bent_curves_are_straight_between_their_knots(cell):
-    millivolts = [-8.0, 5.0, 12.0, -3.0, 2.0, 6.0]
-    names = ("at_0", "at_10", "at_25", "at_50", "at_75", "at_100")
+    millivolts = [-8.0, 5.0, 12.0, 4.0, -9.0, -3.0, 7.0, 2.0, -5.0, 1.0, 6.0]
+    names = [f"at_{k}" for k in range(0, 101, 10)]
     effect = fx.OcvShape(**{n: 1e-3 * v for n, v in zip(names, millivolts, strict=True)})
     soc = run(cell, soc=0.7).soc
     bend = 1e-3 * N * np.interp(soc, effect.knots, millivolts)
