@@ -208,6 +208,13 @@ class Demand:
         rows = [self.predicted(x[None, :], k)[0] for k in range(len(self.flights))]
         return [(f.power_w - r) / self.craft.hover_w for f, r in zip(self.flights, rows, strict=True)]
 
+    def residuals(self, x: Array, noise: Noise) -> list[Array]:
+        """Whitened residuals of every flight, for a vector (n,)."""
+        return [
+            noise.whitened((f.power_w - self.predicted(x[None, :], k)[0]) / self.craft.hover_w)
+            for k, f in enumerate(self.flights)
+        ]
+
     def linearised(self, x: Array, noise: Noise) -> tuple[list[Array], list[Array]]:
         """Whitened residuals of every flight, and their derivatives (rows, n) by the vector in standard deviations."""
         rows, slopes = [], []

@@ -14,7 +14,7 @@ from bhm_service.discrepancy.advice import advice
 from bhm_service.discrepancy.candidate import NotExcited, candidates
 from bhm_service.discrepancy.confirm import HeldOut, harmful, held_out
 from bhm_service.discrepancy.crossing import Witness, witness
-from bhm_service.discrepancy.decoys import BEATEN, contests
+from bhm_service.discrepancy.decoys import contests
 from bhm_service.discrepancy.demand_side import demand_side
 from bhm_service.discrepancy.explanation import Contest, Course, Explanation
 from bhm_service.discrepancy.findings import ChangePoint, EffectFound, Findings, Fit, Inferred, Quantity, Region
@@ -23,11 +23,12 @@ from bhm_service.discrepancy.flights import FlightData, LeftOut
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.lab import Lab, lab_of
 from bhm_service.discrepancy.locate import locate, regime_maps, variables
-from bhm_service.discrepancy.repair import flying, repaired, retuned
-from bhm_service.discrepancy.search import LEAST_SNR, NEAR, Names, Progress, Search, search
-from bhm_service.discrepancy.selection import Selection, select
+from bhm_service.discrepancy.patterns import Pattern, telling
+from bhm_service.discrepancy.repair import flying, patched, repaired, retuned
+from bhm_service.discrepancy.search import LEAST_SNR, NATS, NEAR, STRUCTURAL, Names, Progress, Search, search
+from bhm_service.discrepancy.selection import NOTHING, Selection, select
 from bhm_service.discrepancy.significance import familywise
-from bhm_service.discrepancy.words import effect_in_words, moved_of, sentence, values_of
+from bhm_service.discrepancy.words import effect_in_words, moved_of, pattern_in_words, sentence, values_of
 from bhm_service.errors import BadInputError
 from bhm_service.units import SECONDS_PER_HOUR, Array
 
@@ -70,6 +71,7 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
     rng = np.random.default_rng(_SEED)
     second = _witness(request, found, flights)
     chosen, p_values = _significant(found, second, rng)
+    chosen, leftover = _outweighed(found, chosen)
     fitted = found.fitted(chosen.names)
     progress("flights that no fit saw")
     proof = held_out(found, chosen.names)
@@ -81,13 +83,19 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
         for c in tried
         if not c.inferred and found.snr.get(c.id, LEAST_SNR) < LEAST_SNR
     ]
-    judged = verdict.judge(found, chosen, fitted, courses, rivals)
+    judged = verdict.judge(found, chosen, fitted, courses, rivals, leftover)
     findings = _findings(found, chosen, fitted, courses, proof, rivals, p_values, judged)
     battery = None
     if chosen.names:
         battery = repaired(request.battery, fitted, f"repaired by bhm explain: {', '.join(sorted(chosen.names))}")
     elif judged.verdict == "parameter":
         battery = retuned(request.battery, fitted)
+    elif judged.verdict == "unknown":
+        battery = patched(request.battery, findings.fit.rmse_after_V / lab.series)
+    said, advised = sentence(findings, len(flights), moved_of(fitted)), advice(found, chosen, judged.verdict)
+    if leftover is not None:
+        said = f"{said[:-1]}; {pattern_in_words(leftover)}."
+        advised.append(f"Look for a cause that goes with it: {pattern_in_words(leftover)}.")
     if request.vehicle is not None:
         progress("the power that was asked for")
     over = variables([c.flight for c in courses], [c.soc for c in courses])
@@ -105,9 +113,9 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
         contests=rivals,
         not_excited=(*missing, *dull),
         flying=flying(fitted.joint, fitted),
-        sentence=sentence(findings, len(flights), moved_of(fitted)),
+        sentence=said,
         in_words=[effect_in_words(e.id, values_of(fitted, e.id), lab, flights, courses) for e in findings.effects],
-        findings=findings.model_copy(update={"advice": advice(found, chosen, judged.verdict)}),
+        findings=findings.model_copy(update={"advice": advised}),
         demand=demand_side(request.vehicle, request.flights),
     )
 
@@ -128,7 +136,7 @@ def _witness(request: Request, found: Search, flights: tuple[FlightData, ...]) -
 
 
 def _significant(found: Search, second: Witness | None, rng: np.random.Generator) -> tuple[Selection, dict[str, float]]:
-    """The best set that beats noise and phantom drivers, harms on no unseen flight and has the other model's word.
+    """The best set that beats noise, is beaten by no phantom, harms on no unseen flight and has the other model's word.
 
     Sets are dropped one by one; a catalogue of which the best are all refuted has nothing to say.
     """
@@ -136,22 +144,41 @@ def _significant(found: Search, second: Witness | None, rng: np.random.Generator
     unseen: dict[Names, list[Array]] = {}
     for _ in range(_MOST_REFUTED):
         chosen = select(found, refuted)
+        if _imitates(found, chosen.names, refuted):
+            break
         p_values = familywise(found, chosen.names, rng)
         if not chosen.names or (
             all(p <= _SIGNIFICANT for p in p_values.values())
             and not harmful(found, chosen.names, unseen)
-            and _drivers_hold(found, chosen.names, rng)
+            and not any(c.nats < -NEAR for c in contests(found, chosen.names, rng))
             and (second is None or min(second.earned(chosen.names).values()) >= NEAR)
         ):
             return chosen, p_values
         refuted.append(chosen.names)
-    return Selection(frozenset(), (), {}, {}), {}
+    return NOTHING, {}
 
 
-def _drivers_hold(found: Search, names: Names, rng: np.random.Generator) -> bool:
-    """Whether what drives the set's effects beats the phantoms; true where nothing drives them."""
-    rivals = contests(found, names, rng)
-    return not rivals or float(np.mean([c.beaten for c in rivals])) >= BEATEN
+def _imitates(found: Search, names: Names, refuted: Sequence[Names]) -> bool:
+    """Whether a set is only what a refuted one, that the flights liked far better, leaves to be had."""
+    liked = max((found.evidence(r) for r in refuted), default=0.0)
+    return found.evidence(names) < liked - NATS and not any(names < r for r in refuted)
+
+
+def _outweighed(found: Search, chosen: Selection) -> tuple[Selection, Pattern | None]:
+    """The selection and the pattern that it leaves; nothing is selected where a pattern tells more than it does.
+
+    What looks like a model's structure is no physics of this pack where something without a name does as well.
+    """
+    left = telling(found.fitted(chosen.names))
+    if not chosen.names:
+        return chosen, left
+    if left is not None and left.nats > found.evidence(chosen.names):
+        return NOTHING, left
+    if chosen.names <= STRUCTURAL:
+        bare = telling(found.fitted(frozenset()))
+        if bare is not None and bare.nats > found.evidence(chosen.names) - NATS:
+            return NOTHING, bare
+    return chosen, left
 
 
 def courses_of(base: Joint, fitted: Fitted) -> list[Course]:

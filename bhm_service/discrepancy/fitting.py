@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Generic, Protocol
 
 import numpy as np
@@ -14,6 +15,7 @@ from bhm_service.discrepancy.noise import Noise
 from bhm_service.identification.unknowns import Unknowns
 from bhm_service.units import Array
 
+_CLOSE, _CLOSE_SHARE = 0.1, 0.01  # of the cost, and of what it is beyond its aim: smaller gains end a fit
 _FAR = 3.0  # standard deviations: beyond, an innovation counts by its size, not by its square
 
 
@@ -37,6 +39,10 @@ class Problem(Protocol):
 
     def pulls(self, x: Array) -> Array:
         """What the vector costs by what was known before; its square is the cost."""
+        ...
+
+    def residuals(self, x: Array, noise: Noise) -> list[Array]:
+        """For each flight whitened residuals (N,)."""
         ...
 
     def linearised(self, x: Array, noise: Noise) -> tuple[list[Array], list[Array]]:
@@ -73,12 +79,23 @@ class Fitted(Generic[ProblemT]):
     slopes: list[Array]
     curvature: Array  # of half the cost, by the vector in standard deviations of the prior
 
+    @cached_property
+    def known_curvature(self) -> Array:
+        """The curvature with every residual at its full weight."""
+        slope = np.vstack(self.slopes)
+        return np.asarray(slope.T @ slope + self.joint.known)
+
+    @property
+    def gradient(self) -> Array:
+        """Of half the cost, by the vector in standard deviations of the prior."""
+        return _gradient(self.joint, self.x, self.rows, self.slopes)
+
     @property
     def size(self) -> int:
         """Number of residuals."""
         return sum(r.size for r in self.rows)
 
-    @property
+    @cached_property
     def misfit(self) -> float:
         """Mean squared innovation, far ones by their size: one where the noise explains all."""
         return bulk(self.rows) / self.size
@@ -88,7 +105,11 @@ class Fitted(Generic[ProblemT]):
 
         ``inflation`` of the noise's variance has to be the same for all that are compared.
         """
-        return float(-0.5 * self.cost / inflation - 0.5 * np.linalg.slogdet(self.curvature)[1])
+        return float(-0.5 * self.cost / inflation - 0.5 * self._volume)
+
+    @cached_property
+    def _volume(self) -> float:
+        return float(np.linalg.slogdet(self.curvature)[1])
 
     @property
     def covariance(self) -> Array:
@@ -104,9 +125,18 @@ class Fitted(Generic[ProblemT]):
 
 
 def fit(
-    joint: ProblemT, noise: Noise, start: Array | None = None, rounds: int = 12, moving: Sequence[str] | None = None
+    joint: ProblemT,
+    noise: Noise,
+    start: Array | None = None,
+    rounds: int = 30,
+    moving: Sequence[str] | None = None,
+    aim: float | None = None,
 ) -> Fitted[ProblemT]:
-    """Maximum a posteriori by damped Gauss-Newton inside the bounds; ``moving`` names the blocks that move."""
+    """Maximum a posteriori by damped Gauss-Newton inside the bounds.
+
+    ``moving`` names the blocks that move. What is far from the cost ``aim``, by default that of noise alone, is not
+    looked at closely: it will not be the answer.
+    """
     unknowns = joint.unknowns
     still = np.zeros(unknowns.start.size, dtype=bool)
     for block in unknowns.blocks if moving is not None else ():
@@ -118,29 +148,36 @@ def fit(
     curvature = _curvature(joint, rows, slopes)
     damping = 1e-3
     for _ in range(rounds):
-        gradient = sum(s.T @ (weights(r) * r) for s, r in zip(slopes, rows, strict=True))
-        gradient = gradient + joint.known @ unknowns.pulls(x)[0]
+        gradient = _gradient(joint, x, rows, slopes)
         held = still | ((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0))
-        free = ~held
+        free = np.ix_(~held, ~held)
+        enough = _CLOSE + _CLOSE_SHARE * max(cost - (sum(r.size for r in rows) if aim is None else aim), 0.0)
         gain = -1.0
         for _ in range(5):
             matrix = curvature + damping * np.diag(np.diag(curvature))
             step = np.zeros(x.size)
-            step[free] = -np.linalg.solve(matrix[np.ix_(free, free)], gradient[free])
+            step[~held] = -np.linalg.solve(matrix[free], gradient[~held])
             trial = np.clip(x + scale * step, low, high)
-            found = joint.linearised(trial, noise)
-            gain = cost - bulk(found[0]) - float(np.sum(joint.pulls(trial) ** 2))
-            if gain > 0.0:
+            gain = cost - bulk(joint.residuals(trial, noise)) - float(np.sum(joint.pulls(trial) ** 2))
+            if gain > 0.0 or -float(gradient @ step) < enough:
                 break
             damping = max(damping, 1e-4) * 10.0
         if gain <= 0.0:
             break
-        x, cost, (rows, slopes) = trial, cost - gain, found
+        x, cost = trial, cost - gain
+        rows, slopes = joint.linearised(x, noise)
         curvature = _curvature(joint, rows, slopes)
         damping = max(damping * 0.2, 1e-6)
-        if gain < 0.05 + 1e-5 * cost:
+        if gain < enough:
             break
     return Fitted(joint=joint, noise=noise, x=x, cost=cost, rows=rows, slopes=slopes, curvature=curvature)
+
+
+def _gradient(joint: Problem, x: Array, rows: Sequence[Array], slopes: Sequence[Array]) -> Array:
+    total = joint.known @ joint.unknowns.pulls(x)[0]
+    for row, slope in zip(rows, slopes, strict=True):
+        total = total + slope.T @ (weights(row) * row)
+    return np.asarray(total)
 
 
 def _curvature(joint: Problem, rows: Sequence[Array], slopes: Sequence[Array]) -> Array:

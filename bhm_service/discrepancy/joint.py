@@ -16,7 +16,7 @@ from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.lab import BEND_SOC, Lab, LabError, lagging
 from bhm_service.discrepancy.noise import Noise
 from bhm_service.identification.unknowns import Block, Unknowns, joined, numbers
-from bhm_service.units import Array
+from bhm_service.units import Array, Flags
 
 # Of the state of charge at the start: charged full, by a gauge, and of a pack that nobody identified.
 FULL_SD, GAUGE_SD, GENERIC_SD = 0.01, 0.02, 0.08
@@ -33,7 +33,7 @@ Places: TypeAlias = NDArray[np.intp]
 # to beat that.
 _FORM_FLIGHT_SD, _FORM_SOC_SD, _FORM_LOAD_SD, _FORM_LAG_SD = 0.08, 0.12, 0.3, 0.2
 _FORM_SOC = np.array([0.15, 0.4, 0.65, 0.95])
-_FORM_LAG_S = (10.0, 60.0)
+_FORM_LAG_S = (1.0, 10.0, 60.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,8 +110,11 @@ class Joint:
         return [np.concatenate([self._of(b, k) for b in blocks]) for k in range(len(self.flights))]
 
     def _of(self, block: Block, flight: int) -> Places:
-        where = np.arange(self.places[block.name].start, self.places[block.name].stop)
-        return where[flight : flight + 1] if block.name in self.per_flight else where
+        return self._of_name(block.name, flight)
+
+    def _of_name(self, name: str, flight: int) -> Places:
+        where = np.arange(self.places[name].start, self.places[name].stop)
+        return where[flight : flight + 1] if name in self.per_flight else where
 
     @cached_property
     def places(self) -> dict[str, slice]:
@@ -172,16 +175,28 @@ class Joint:
         wide = np.broadcast_to(run.voltage, (everything.shape[0], data.time_s.size))
         soc = np.broadcast_to(run.soc, wide.shape)[0]
         members = wide[0] - wide[points.shape[0] :]
-        rows = [self.lab.added(self._followed[flight], data.current_a, soc)]
-        rows += [_form_shapes(added, data, soc) for added in members]
+        lab = self.lab.added(self._followed[flight], data.current_a, soc)
+        rows = [lab, *(np.swapaxes(_form_shapes(members, data, soc), 0, 1) if self.members else ())]
         added, places = np.concatenate(rows), self._additions[flight]
         count = places.size if forms else rows[0].shape[0]
         voltage = wide[: points.shape[0]] + points[:, places[:count]] @ added[:count]
+        if forms:
+            self._follow(voltage, points, wide, flight, soc)
         rested = None
         if data.notes.rest_voltage_v is not None:
             bends = points[:, places[: BEND_SOC.size]] @ added[: BEND_SOC.size, -1:]
             rested = self._rested(pack, flight, run)[: points.shape[0]] + bends
         return Predicted(voltage, rested, soc, members, places, added)
+
+    def _follow(self, voltage: Array, points: Array, wide: Array, flight: int, soc: Array) -> None:
+        """Let what a member's form adds follow the member: without it the slopes along its numbers are not true."""
+        for member in self.members:
+            own = np.concatenate([self._of_name(u.name, flight) for u in member.unknowns])
+            form = np.concatenate([self._of(b, flight) for b in self._form_blocks(member.id)])
+            moved = np.flatnonzero((points[:, own] != points[0, own]).any(axis=1))
+            if moved.size and points[0, form].any():
+                shapes = _form_shapes(wide[moved] - wide[0], self.flights[flight], soc)
+                voltage[moved] += np.tensordot(points[0, form], shapes, 1)
 
     def _rested(self, flown: PackModel, flight: int, run: Simulation) -> Array:
         """After landing the pack is unplugged: nothing flows, and another meter reads it."""
@@ -199,6 +214,21 @@ class Joint:
         rested = pack.step(np.stack(last, axis=-1)[:, None, :], data.notes.rest_s, 0.0, 0.0, kelvin)
         return np.asarray(pack.voltage(rested, 0.0, kelvin))
 
+    def whitened(self, series: Array, flight: int, noise: Noise) -> Array:
+        """What is in a flight's voltages (.., T), in standard deviations of noise and of what a sample cannot tell."""
+        beside = noise.sudden * self.sudden[flight] / noise.sigma_v
+        return noise.whitened(series) / np.sqrt(1.0 + beside**2)
+
+    @cached_property
+    def sudden(self) -> list[Array]:
+        """For each flight, the ohmic drop [V] of changes of current that are as fast as the samples."""
+        ohm = self.lab.ohm * self.lab.ohmic_share * self.lab.series / self.lab.parallel
+        found = []
+        for f in self.flights:
+            change = np.abs(np.diff(f.current_a, prepend=f.current_a[0]))
+            found.append(ohm * np.maximum(change, np.concatenate([[0.0], change[:-1]])))
+        return found
+
     def _whitened(self, modelled: Predicted, flight: int, noise: Noise) -> Array:
         data = self.flights[flight]
         misfit = data.voltage_v - modelled.voltage
@@ -206,7 +236,7 @@ class Joint:
         if not known.all():
             at = np.arange(known.size)
             misfit = np.array([np.interp(at, at[known], row[known]) for row in misfit])
-        white = noise.whitened(misfit)
+        white = self.whitened(misfit, flight, noise)
         if not known.all():
             white[:, ~known] = 0.0
         if modelled.rested is None:
@@ -222,10 +252,18 @@ class Joint:
         """Measured minus modelled voltage [V] of every flight, NaN where it was not measured; by the equations."""
         return [f.voltage_v - self.predicted(x[None, :], k, forms=False).voltage[0] for k, f in enumerate(self.flights)]
 
-    def linearised(self, x: Array, noise: Noise) -> tuple[list[Array], list[Array]]:
-        """Whitened residuals of every flight, and their derivatives (rows, n) by the vector in standard deviations."""
+    def residuals(self, x: Array, noise: Noise) -> list[Array]:
+        """Whitened residuals of every flight, and of the voltage rested after it."""
+        return [self._whitened(self.predicted(x[None, :], k), k, noise)[0] for k in range(len(self.flights))]
+
+    def linearised(self, x: Array, noise: Noise, only: Flags | None = None) -> tuple[list[Array], list[Array]]:
+        """Whitened residuals of every flight, and their derivatives (rows, n) by the vector in standard deviations.
+
+        ``only`` those numbers (n,) that it marks are looked at; the others' derivatives are left at nothing.
+        """
         rows, slopes = [], []
-        for k, used in enumerate(self._columns):
+        for k, every in enumerate(self._columns):
+            used = every if only is None else every[only[every]]
             points = np.tile(x, (used.size + 1, 1))
             steps = self._steps(x)[used]
             points[np.arange(1, used.size + 1), used] += steps
@@ -234,7 +272,7 @@ class Joint:
             slope = np.zeros((found.shape[1], x.size))
             slope[:, used] = ((found[1:] - found[0]) / (steps / self.scale[used])[:, None]).T
             places, added = modelled.places, modelled.added
-            slope[: added.shape[1], places] = -noise.whitened(added).T * self.scale[places]
+            slope[: added.shape[1], places] = -self.whitened(added, k, noise).T * self.scale[places]
             if found.shape[1] > added.shape[1]:
                 bends = places[: BEND_SOC.size]
                 slope[-1, bends] = -added[: BEND_SOC.size, -1] * self.scale[bends] / self._rest_sd_v
@@ -255,6 +293,11 @@ class Joint:
         return np.concatenate([single, self.ties @ single])
 
     @cached_property
+    def of_lab(self) -> Flags:
+        """Which numbers of the vector are errors of the lab."""
+        return np.concatenate([np.full(b.size, b.name.startswith("lab_")) for b in self.unknowns.blocks])
+
+    @cached_property
     def ties(self) -> Array:
         """What the lab knows of sums of numbers."""
         return self.lab.ties(self.unknowns)
@@ -266,13 +309,13 @@ class Joint:
 
 
 def _form_shapes(added: Array, data: FlightData, soc: Array) -> Array:
-    """By which shapes what a member adds to the voltage may be off (shapes, T); in the order of its form blocks."""
+    """By which shapes what members add to the voltage (M, T) may be off (.., M, T), in the order of the form blocks."""
     place = np.interp(soc, _FORM_SOC, np.arange(_FORM_SOC.size, dtype=float))
     hats = np.maximum(1.0 - np.abs(place - np.arange(_FORM_SOC.size)[:, None]), 0.0)
     usual = float(np.mean(np.abs(data.current_a))) + 1e-9
     light = added * np.clip(1.0 - np.abs(data.current_a) / usual, -1.0, 1.0)
     late = [lagging(data.time_s, added, tau) - added for tau in _FORM_LAG_S]
-    return np.vstack([added, added * hats, light, *late])
+    return np.stack([added, *(added * hat for hat in hats), light, *late])
 
 
 def _about_zero(name: str, size: int, sd: float) -> Block:

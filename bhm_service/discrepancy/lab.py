@@ -31,11 +31,14 @@ _HOVER_C = 2.0  # [1/h] load at which what a model is off by is weighed against 
 _LEAST_SD = {"resistance": 0.03, "polarisation": 0.15, "capacity": 0.01}  # of the logarithm: what a lab repeats to
 _BEND_SD = (0.003, 0.010)  # [V] a cell's open-circuit curve is known to, at best and at worst
 _DROP_SD = (0.05, 0.12)  # of the resistance, at each state of charge and relaxation, likewise
-_FAST = {2.0: 3.0, 8.0: 2.0}  # times that: recordings once a second hardly tell one fast relaxation from another
-_LEVEL_SD = 0.05  # of the resistance at each charge, at once and within a minute: the lab's own load pins it down
+_FAST = {0.0: 3.0, 2.0: 3.0, 8.0: 2.0}  # times that: once a second hardly tells one fast relaxation from another
+_AT_ONCE_S = 2.0  # what is slower than this the lab tells from what comes at once
+_LEVEL_SD = 0.05  # of the resistance at each charge, within two seconds and a minute: the lab's own load pins it down
 _LEVEL_ENDS = 3.0  # times that near full and near empty, where the lab's load is short
 _LEVEL_S = 60.0  # what comes later the lab cannot tell from the open-circuit curve
 _MOST_WIDER = 3.0  # times that, where the flights show that a model follows its own pack less well
+_SKEW_SD_S = 0.4  # two filtered channels; and what relaxes within a second no lab at one hertz sees
+_SKEW_S = 1.0  # the lag that a skew is made of, as in the effect of that name
 _REACH = 8.0  # standard deviations within which a nuisance may be fitted
 
 
@@ -92,10 +95,11 @@ class Lab:
             _near("lab_bends", BEND_SOC.size, self.bend_sd_v),
             *(_near(f"lab_drop_{tau:.0f}", DROP_SOC.size, self.drop_sds[tau]) for tau in DROP_S),
             _near("lab_curve", 2, 2.0 * self.drop_sd),
+            _near("lab_skew", 1, _SKEW_SD_S),
         ]
 
     def ties(self, unknowns: Unknowns) -> Array:
-        """What the lab knows of sums of the unknowns: the resistance at once and within a minute, at each charge.
+        """What the lab knows of sums of the unknowns: the resistance within two seconds and a minute, at each charge.
 
         Each row, times the vector in standard deviations of what was known before, is a standard normal.
         """
@@ -105,26 +109,28 @@ class Lab:
         for tau in (t for t in DROP_S if t < _LEVEL_S):
             first = unknowns.slice_of(f"lab_drop_{tau:.0f}").start
             for knot in range(DROP_SOC.size):
-                rows[0 if tau == 0.0 else 1 :, knot, first + knot] = self.drop_sds[tau]
+                rows[0 if tau <= _AT_ONCE_S else 1 :, knot, first + knot] = self.drop_sds[tau]
         known = _LEVEL_SD if self.identified else self.resistance_sd
         sds = np.where((DROP_SOC > 0.2) & (DROP_SOC < 0.9), known, _LEVEL_ENDS * known)
         return np.asarray((rows / sds[:, None]).reshape(-1, unknowns.start.size))
 
     def followed(self, time_s: Array, current: Array) -> Array:
-        """The current through a cell [A] as each relaxation follows it, along a flight; (relaxations, T)."""
+        """The current through a cell [A] as each relaxation follows it, then a skew, along a flight; (.., T)."""
         cell = current / self.parallel
-        return np.stack([cell if tau == 0.0 else lagging(time_s, cell, tau) for tau in DROP_S])
+        return np.stack([cell if tau == 0.0 else lagging(time_s, cell, tau) for tau in (*DROP_S, _SKEW_S)])
 
     def added(self, followed: Array, current: Array, soc: Array) -> Array:
         """What one of each of `additions` adds to the pack's voltage [V] along a flight; (numbers, T)."""
         cell = current / self.parallel
         places = _hats(DROP_SOC, soc)
-        drops = (-self.ohm * followed[:, None, :] * places).reshape(-1, soc.size)
+        drops = (-self.ohm * followed[:-1, None, :] * places).reshape(-1, soc.size)
         hover = _HOVER_C * self.capacity_c / self.parallel / SECONDS_PER_HOUR
         # A drop that bends with the current, at low and at high charge, without changing it at the hover.
         bent = -self.ohm * cell * (np.abs(cell) / hover - 1.0)
         charge = np.clip(soc, 0.0, 1.0)
-        return np.asarray(self.series * np.vstack([_hats(BEND_SOC, soc), drops, bent * (1.0 - charge), bent * charge]))
+        skewed = -self.ohm * self.ohmic_share * (cell - followed[-1]) / _SKEW_S
+        bends = _hats(BEND_SOC, soc)
+        return np.asarray(self.series * np.vstack([bends, drops, bent * (1.0 - charge), bent * charge, skewed]))
 
 
 def _near(name: str, size: int, sd: float) -> Block:
@@ -138,9 +144,9 @@ def _hats(knots: Array, soc: Array) -> Array:
 
 
 def lagging(time_s: Array, series: Array, tau_s: float) -> Array:
-    """What follows a series with a time constant, from rest."""
-    late = Course(np.diff(time_s)).lag(np.zeros(1), series[:-1], series[1:], np.array(tau_s))
-    return np.concatenate([[0.0], np.asarray(late)])
+    """What follows series (.., T) with a time constant, from rest."""
+    late = Course(np.diff(time_s)).lag(np.zeros(1), series[..., :-1], series[..., 1:], np.array(tau_s))
+    return np.concatenate([np.zeros((*series.shape[:-1], 1)), np.asarray(late)], axis=-1)
 
 
 def lab_of(battery: BatteryFile, model: ModelName, series: int | None, capacity_c: float | None) -> Lab:

@@ -26,6 +26,7 @@ class Noise:
     phi: float
     theta: float
     sigma_v: float
+    sudden: float = 0.0  # of the ohmic drop of a sudden change: what a model is off by beside it
     doubt: float = 1.0  # times the variance that an innovation is given beside what noise gives it
 
     @property
@@ -36,6 +37,14 @@ class Noise:
     @property
     def _gain(self) -> float:
         return 1.0 + (self.phi - self.theta) ** 2 / (1.0 - self.phi**2)
+
+    def averaged_v(self, width: int) -> float:
+        """Standard deviation of a mean over ``width`` samples. [V]"""
+        lags = np.arange(1, width)
+        # Beyond the first lag the autocovariance of an ARMA(1,1) falls with phi.
+        first = (1.0 - self.phi * self.theta) * (self.phi - self.theta) / (1.0 - self.phi**2)
+        later = float(np.sum((1.0 - lags / width) * first * self.phi ** (lags - 1)))
+        return float(self.sigma_v * np.sqrt((self._gain + 2.0 * later) / width))
 
     def whitened(self, residual: Array) -> Array:
         """Innovations in standard deviations, along the last axis."""

@@ -71,6 +71,17 @@ def retuned(battery: BatteryFile, fitted: Fitted) -> BatteryFile:
     return replace(battery, circ=circ, chem=chem)
 
 
+def patched(battery: BatteryFile, error_v: float) -> BatteryFile:
+    """The battery with its voltage trusted less: what nobody can name is no physics, and a filter must not be misled.
+
+    ``error_v`` of a cell, lasting: the filters carry it as an error of the voltage, bounded by this.
+    """
+    known = battery.uncertainty
+    trusted = replace(known, voltage_error_v=max(known.voltage_error_v, error_v))
+    said = f"bhm explain: {1e3 * error_v:.0f} mV a cell that nothing in the catalogue explains"
+    return replace(battery, uncertainty=trusted, source=f"{battery.source}; {said}".lstrip("; "))
+
+
 def as_numbers(effect: Effect) -> Effect:
     """An effect of one column as one of plain numbers, as the predictor takes it."""
     names = [p.name for p in parameters_of(type(effect))]

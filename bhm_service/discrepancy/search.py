@@ -17,16 +17,19 @@ from bhm_service.units import Array, Flags
 NATS = 10.0  # that a member of a set has to earn against the best set without it
 NEAR = 6.0  # [nats] within which two explanations cannot be told apart
 # What a model of a cell gets wrong by its structure looks like these. So they have to earn more before they are
-# called physics of this pack.
+# called physics of this pack; a skew looks like what relaxes faster than a lab samples.
 STRUCTURAL = frozenset(
-    {"ocv-shape", "resistance-shape", "slow-diffusion", "charge-transfer", "hysteresis", "rate-capacity"}
+    {"ocv-shape", "resistance-shape", "slow-diffusion", "charge-transfer", "hysteresis", "rate-capacity", "time-skew"}
 )
 _STRUCTURAL_NATS = 30.0
 LEAST_SNR = 3.0  # below, these recordings cannot show an effect of the usual size
+_TRIED_SNR = 1.0  # below, they could not even show one of several times that
 _WIDTH, _DEPTH, _EXPANSIONS = 3, 3, 4
 # What a model gets wrong it gets wrong alike in all flights of a kind: they are not independent witnesses of it.
 _WITNESSES, _MOST_DOUBT = 1.0 / 3.0, 3.0
-_FLOOR_V = 5e-4  # [V] of a cell: no voltage is measured better than this
+_BENT = 3.0  # standard deviations
+_SUDDEN = 0.2  # of the ohmic drop of a sudden change: what relaxes within a sample no lab at one hertz tells
+_FLOOR_V = 1e-3  # [V] of a cell: no voltage is measured and modelled better than this
 
 Progress = Callable[[str], None]
 Names = frozenset[str]
@@ -51,7 +54,8 @@ class Search:
         """The fit of a set, begun from a smaller set's where one is given."""
         if names not in self.fits:
             joint = self.joint(names)
-            self.fits[names] = fit(joint, self.noise, _carried(joint, start))
+            best = min((f.cost for f in self.fits.values()), default=None)
+            self.fits[names] = fit(joint, self.noise, _carried(joint, start), aim=best)
         return self.fits[names]
 
     def joint(self, names: Names) -> Joint:
@@ -92,8 +96,10 @@ def _carried(joint: Joint, start: Fitted | None) -> Array:
     x = joint.unknowns.start.copy()
     if start is not None:
         known = {b.name: start.x[start.joint.unknowns.slice_of(b.name)] for b in start.joint.unknowns.blocks}
+        # A fit that lacked what this one has may have bent the lab's errors far to make up for it: a poor start.
+        bent = float(np.max(np.abs(start.joint.unknowns.pulls(start.x)[0][start.joint.of_lab]))) > _BENT
         for block in joint.unknowns.blocks:
-            if block.name in known:
+            if block.name in known and not (bent and block.name.startswith("lab_")):
                 x[joint.unknowns.slice_of(block.name)] = known[block.name]
     return x
 
@@ -118,17 +124,14 @@ class Geometry:
 
 def candidate_geometry(at: Fitted, joint: Joint, candidate: Candidate) -> Geometry:
     """Score and information of a candidate added to a fit."""
-    x = _absent(joint, at, candidate)
-    rows, slopes = joint.linearised(x, at.noise)
-    slope = np.vstack(slopes)
-    curvature = slope.T @ slope
     new = _new(joint, candidate)
-    old = ~new
-    nuisance = curvature[np.ix_(old, old)] + joint.known[np.ix_(old, old)]
-    across = np.linalg.solve(nuisance, curvature[np.ix_(old, new)])
-    directions = -(slope[:, new] - slope[:, old] @ across)
-    information = curvature[np.ix_(new, new)] - curvature[np.ix_(new, old)] @ across
-    return Geometry(directions.T @ np.concatenate(rows), information, directions)
+    _, slopes = joint.linearised(_absent(joint, at, candidate), at.noise, only=new)
+    own = np.vstack(slopes)[:, new]
+    old = np.vstack(at.slopes)
+    across = np.linalg.solve(at.known_curvature, old.T @ own)
+    directions = old @ across - own
+    information = own.T @ own - (own.T @ old) @ across
+    return Geometry(directions.T @ np.concatenate(at.rows), information, directions)
 
 
 def _linear_gain(at: Fitted, joint: Joint, candidate: Candidate) -> float:
@@ -151,15 +154,17 @@ def _new(joint: Joint, candidate: Candidate) -> Flags:
 
 def expected_snr(at: Fitted, joint: Joint, candidate: Candidate) -> float:
     """Standard deviations by which the candidate at its usual size would stand out of noise and lab errors."""
-    information = candidate_geometry(at, joint, candidate).information
-    names = [n for n, new in zip(joint.unknowns.names, _new(joint, candidate), strict=True) if new]
-    size = np.zeros(len(names))
+    absent = _absent(joint, at, candidate)
+    usual = absent.copy()
     for u in candidate.amplitudes():
         assert u.declared.absent is not None
         mean, sd = u.prior
-        usual = (mean - u.declared.absent) / sd if mean != u.declared.absent else 1.0
-        size[[k for k, name in enumerate(names) if name.split("[")[0] == u.name]] = usual
-    return float(np.sqrt(max(float(size @ information @ size), 0.0)))
+        size = mean if mean != u.declared.absent else mean + sd
+        usual[joint.unknowns.slice_of(u.name)] = np.log(size) if u.log else size
+    shown = np.concatenate(joint.residuals(usual, at.noise)) - np.concatenate(joint.residuals(absent, at.noise))
+    explained = np.vstack(at.slopes).T @ shown
+    power = shown @ shown - explained @ np.linalg.solve(at.known_curvature, explained)
+    return float(np.sqrt(max(float(power), 0.0)))
 
 
 def saturated_noise(at: Fitted, candidates: Sequence[Candidate]) -> Noise:
@@ -170,12 +175,13 @@ def saturated_noise(at: Fitted, candidates: Sequence[Candidate]) -> Noise:
     rows: list[Array] = []
     for candidate in (None, *(c for c in candidates if c not in joint.members)):
         wider = joint if candidate is None else Joint(joint.lab, joint.flights, (*joint.members, candidate))
-        x = at.x if candidate is None else _absent(wider, at, candidate)
-        found, slopes = wider.linearised(x, plain)
         if candidate is None:
-            rows = found
+            rows, slopes = wider.linearised(at.x, plain)
+        else:
+            new = _new(wider, candidate)
+            slopes = [s[:, new] for s in wider.linearised(_absent(wider, at, candidate), plain, only=new)[1]]
         for k, slope in enumerate(slopes):
-            columns[k].append(slope if candidate is None else slope[:, _new(wider, candidate)])
+            columns[k].append(slope)
     design = np.vstack([np.hstack(c) for c in columns])
     weight = np.concatenate([np.full(r.size, 1.0) for r in rows])
     lengths = [f.time_s.size for f in joint.flights]
@@ -189,7 +195,7 @@ def saturated_noise(at: Fitted, candidates: Sequence[Candidate]) -> Noise:
     at_row = np.cumsum([0, *(r.size for r in rows)])
     parts = [left[at_row[k] : at_row[k] + lengths[k]] for k in range(len(rows))]
     noise = estimated(parts, joint.lab.series * _FLOOR_V)
-    return replace(noise, doubt=float(np.clip(_WITNESSES * len(parts), 1.0, _MOST_DOUBT)))
+    return replace(noise, sudden=_SUDDEN, doubt=float(np.clip(_WITNESSES * len(parts), 1.0, _MOST_DOUBT)))
 
 
 def search(base: Joint, candidates: Sequence[Candidate], progress: Progress = lambda _: None) -> Search:
@@ -200,7 +206,7 @@ def search(base: Joint, candidates: Sequence[Candidate], progress: Progress = la
     found = Search(base, tuple(candidates), noise)
     at = found.fitted(frozenset(), start)
     found.snr = {c.id: expected_snr(at, found.joint(frozenset({c.id})), c) for c in candidates}
-    found.candidates = tuple(c for c in candidates if found.snr[c.id] > LEAST_SNR or c.inferred)
+    found.candidates = tuple(c for c in candidates if found.snr[c.id] > _TRIED_SNR or c.inferred)
     _grow(found, depth=1, progress=progress)
     best = found.fits[found.ranked()[0]]
     steps = episodes(best)
@@ -226,8 +232,9 @@ def _grow(found: Search, depth: int, progress: Progress) -> None:
         for place, names in enumerate(beam):
             gains = found.gains(names)
             order = sorted(gains, key=lambda name: -gains[name])
-            # What is likely to be part of the answer is tried with everything, the rest with what looks best.
-            for name in order if place == 0 and size < _DEPTH - 1 else order[:_EXPANSIONS]:
+            # What is likely to be part of the answer is tried with all that may join it, the rest with what looks best.
+            likely = [name for name in order if size == 0 or gains[name] > 0.0]
+            for name in likely if place == 0 and len(likely) > _EXPANSIONS else order[:_EXPANSIONS]:
                 tried.add(names | {name})
                 found.fitted(names | {name}, found.fitted(names))
         progress(f"sets of {size + 1}")

@@ -11,10 +11,11 @@ from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.search import NATS, NEAR, STRUCTURAL, Names, Search, needed
 
-_RIVALLED = 2  # of the best sets, whose members are held against their mimics
+_RIVALRIES = 3  # times that the chosen set's members are held against their mimics, at most
 LEAST_V = 0.001  # [V] of a cell: what adds less than this to the voltage changes nothing that anybody flies by
 _STRUCTURAL_V = 0.004  # [V] of a cell: the same for what looks like an error of the model's structure
-_LEAST_SHARE = 0.33  # of the largest member's, a tenth in power: thrice what that one's own equation may be off by
+_BEYOND = 2.0  # times what the lab leaves open, which bends every curve: less is no other shape
+_LEAST = dict.fromkeys(STRUCTURAL - {"time-skew"}, _STRUCTURAL_V)  # a skew shows at steps only
 _REACH = 0.995  # of the way to a bound of what is physical
 _ORDER = {name: place for place, name in enumerate(EFFECTS)}  # the commoner first
 
@@ -29,44 +30,78 @@ class Selection:
     added_v: dict[str, float]  # [V] RMS that each member adds to the pack's voltage
 
 
+NOTHING = Selection(frozenset(), (), {}, {})
+
+
 def select(found: Search, refuted: Collection[Names] = ()) -> Selection:
     """The best of the sets whose every member earns its place; among equals the simplest, then the commonest."""
-    for names in found.ranked()[:_RIVALLED]:
-        _swaps(found, names)
-    valid = [names for names in found.ranked() if names and names not in refuted and _stands(found, names)]
-    best = max((found.evidence(names) for names in valid), default=0.0)
-    if best < NATS:
-        return Selection(frozenset(), (), {}, {})
-    near = [names for names in valid if found.evidence(names) > best - NEAR]
-    chosen = min(near, key=lambda names: (_size(found, names), _order(names), -found.evidence(names)))
-    return Selection(
-        chosen,
-        tuple(names for names in near if names != chosen and len(names) <= len(chosen)),
-        found.earned(chosen),
-        added(found.fitted(chosen)),
-    )
+    near = _near(found, refuted)
+    for _ in range(_RIVALRIES):
+        held = near[:1]
+        _swaps(found, held[0] if held else found.ranked()[0])
+        near = _near(found, refuted)
+        if near[:1] == held:
+            break
+    if not near:
+        return NOTHING
+    chosen = near[0]
+    return Selection(chosen, tuple(near[1:]), found.earned(chosen), added(found.fitted(chosen)))
+
+
+def _near(found: Search, refuted: Collection[Names]) -> list[Names]:
+    """The sets that could be the explanation, first the one that is chosen; empty where none is."""
+    valid: list[Names] = []
+    best, most = frozenset[str](), 0.0
+    for names in found.ranked():
+        nats = found.evidence(names)
+        # One more member has to earn its place against the best set without it, not only against its own remainder.
+        better = nats - NATS * len(names) > most - NATS * len(best)
+        close = len(names) <= len(best) and nats > most - NEAR
+        if not names or names in refuted or not (better or close) or not _stands(found, names):
+            continue
+        valid.append(names)
+        if better:
+            best, most = names, nats
+    if most < NATS or _beyond_physics(found, refuted, most + NATS):
+        return []
+    near = [names for names in valid if len(names) <= len(best) and found.evidence(names) > most - NEAR]
+    return sorted(near, key=lambda names: (len(names), _order(names), -found.evidence(names)))
 
 
 def _swaps(found: Search, names: Names) -> None:
     """Each member against its mimics."""
     there = {c.id for c in found.candidates}
-    for member in names:
+    for member in sorted(names):
         for other in EFFECTS[member].mimics:
             if other in there and other not in names:
                 found.fitted(names - {member} | {other}, found.fitted(names))
 
 
 def _stands(found: Search, names: Names) -> bool:
-    if not _separable(found, names):
-        return False
+    return _separable(found, names) and _physical(found.fitted(names)) and _matters(found, names)
+
+
+def _matters(found: Search, names: Names) -> bool:
+    """Whether every member earns its place and moves the voltage by what anybody could care for."""
     volts = added(found.fitted(names))
     series = found.base.lab.series
-    if min(volts.values()) < _LEAST_SHARE * max(volts.values()):
+    if any(v < series * _LEAST.get(name, LEAST_V) for name, v in volts.items()):
         return False
-    small = any(v < series * (_STRUCTURAL_V if name in STRUCTURAL else LEAST_V) for name, v in volts.items())
-    if small or not _physical(found.fitted(names)):
+    if volts.get("ocv-shape", np.inf) < _BEYOND * series * found.base.lab.bend_sd_v:
         return False
     return all(earned >= needed(name) for name, earned in found.earned(names).items())
+
+
+def _beyond_physics(found: Search, refuted: Collection[Names], nats: float) -> bool:
+    """Whether only a number beyond what is physical keeps a set with more evidence than that from being the answer.
+
+    What stands behind such a set only imitates a cause that the catalogue does not hold.
+    """
+    return any(
+        not _physical(found.fitted(names)) and _separable(found, names) and _matters(found, names)
+        for names in found.ranked()
+        if names and names not in refuted and found.evidence(names) > nats
+    )
 
 
 def _separable(found: Search, names: Names) -> bool:
@@ -95,10 +130,6 @@ def _physical(fitted: Fitted) -> bool:
             if np.any((np.abs(x - middle) > _REACH * half) & (np.abs(x - absent) > 0.01 * half)):
                 return False
     return True
-
-
-def _size(found: Search, names: Names) -> int:
-    return sum(len(c.unknowns) for c in found.candidates if c.id in names)
 
 
 def _order(names: Names) -> tuple[int, ...]:

@@ -50,7 +50,7 @@ def _in_flight(fitted: Fitted, flight: int) -> list[Episode]:
         return []
     # What a resistance that begins at each start and lasts would do to the whitened residual.
     lasting = np.where(np.arange(count) >= starts[:, None], -data.current_a, 0.0)
-    shapes = fitted.noise.whitened(lasting)
+    shapes = fitted.joint.whitened(lasting, flight, fitted.noise)
     nuisance = _nuisance(fitted, flight, count)
     shapes = shapes - (shapes @ nuisance.T) @ nuisance
     gram = shapes @ shapes.T

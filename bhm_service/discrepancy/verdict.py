@@ -12,6 +12,7 @@ from bhm_service.discrepancy.explanation import Contest, Course
 from bhm_service.discrepancy.findings import Verdict
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.flights import FlightData
+from bhm_service.discrepancy.patterns import Pattern
 from bhm_service.discrepancy.search import LEAST_SNR, Search
 from bhm_service.discrepancy.selection import LEAST_V, Selection
 from bhm_service.units import Array
@@ -19,8 +20,9 @@ from bhm_service.units import Array
 SENSORS = frozenset({"current-gain", "current-offset", "voltage-gain", "voltage-offset", "time-skew"})
 _SHIFTED = 3.0  # standard deviations of the lab by which a parameter has moved
 _SLOW_S = 15.0  # misfit faster than this is noise
-_REST = 0.15  # of the misfit: what is left beyond this is said to be left
+_REST = 0.4  # of the misfit's RMS: what is left beyond this is said to be left
 _UNKNOWN_LAB = 0.6  # times the lab's voltage error: a slow misfit beyond this is no error of the lab
+_COLOURED_V = 0.005  # [V] of a cell: the most that a sensor may wander by itself
 _UNLIKE = 3.0  # times the usual flight: a misfit that only some flights have
 _FEWEST_VISIBLE = 3  # effects that recordings must be able to show before their silence says anything
 
@@ -34,14 +36,20 @@ class Judged:
 
 
 def judge(
-    found: Search, chosen: Selection, fitted: Fitted, courses: Sequence[Course], rivals: Sequence[Contest]
+    found: Search,
+    chosen: Selection,
+    fitted: Fitted,
+    courses: Sequence[Course],
+    rivals: Sequence[Contest],
+    leftover: Pattern | None,
 ) -> Judged:
-    """The verdict on a selection."""
+    """The verdict on a selection and on the pattern that it leaves."""
     before = [slow(c.flight.voltage_v - c.before_v, c.flight) for c in courses]
     after = [slow(c.flight.voltage_v - c.after_v, c.flight) for c in courses]
     floor = found.noise.sigma_v**2 / _SLOW_S
-    rest = _power(after, floor) / max(_power(before, floor), 1e-12)
-    strange = _strange(found, after, floor)
+    rest = float(np.sqrt(_power(after, floor) / max(_power(before, floor), 1e-12)))
+    coloured = found.noise.averaged_v(_width(courses[0].flight))
+    strange = leftover is not None or _strange(found, after, floor, coloured)
     named = chosen.names
     verdict: Verdict
     if named:
@@ -56,30 +64,33 @@ def judge(
         verdict = "not-excited"
     else:
         verdict = "none"
-    left = float(np.clip(rest, 0.0, 1.0)) if strange or (named and rest > _REST) or verdict == "unknown" else 0.0
+    left = float(np.clip(rest, 0.0, 1.0)) if strange or (named and rest > _REST) else 0.0
     return Judged(verdict, left)
 
 
 def slow(misfit: Array, data: FlightData) -> Array:
     """A misfit averaged over a quarter of a minute: what noise is not."""
-    width = max(int(_SLOW_S / max(float(np.median(np.diff(data.time_s))), 0.1)), 1)
     known = np.isfinite(misfit)
-    kernel = np.ones(width)
+    kernel = np.ones(_width(data))
     above = np.convolve(np.where(known, misfit, 0.0), kernel, mode="same")
     return np.asarray(above / np.maximum(np.convolve(known.astype(float), kernel, mode="same"), 1.0))
+
+
+def _width(data: FlightData) -> int:
+    return max(int(_SLOW_S / max(float(np.median(np.diff(data.time_s))), 0.1)), 1)
 
 
 def _power(parts: Sequence[Array], floor: float) -> float:
     return max(float(np.mean(np.concatenate(parts) ** 2)) - floor, 0.0)
 
 
-def _strange(found: Search, after: Sequence[Array], floor: float) -> bool:
-    """Whether more is left than errors of the lab, or far more in some flights than in most."""
+def _strange(found: Search, after: Sequence[Array], floor: float, coloured_v: float) -> bool:
+    """Whether more is left than errors of the lab and coloured noise, or far more in some flights than in most."""
     series = found.base.lab.series
     left = np.sqrt(np.maximum([np.mean(a**2) - floor for a in after], 0.0))
     usual = max(float(np.median(left)), 0.5 * LEAST_V * series)
     worst = float(left.max())
-    lab = _UNKNOWN_LAB * found.base.lab.voltage_error_v * series
+    lab = np.hypot(_UNKNOWN_LAB * found.base.lab.voltage_error_v * series, min(coloured_v, _COLOURED_V * series))
     return bool(
         worst > max(lab, 2.0 * LEAST_V * series) or (worst > _UNLIKE * usual and worst > 2.0 * LEAST_V * series)
     )

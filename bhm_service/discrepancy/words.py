@@ -14,6 +14,7 @@ from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.lab import Lab
 from bhm_service.discrepancy.labels import flights_in_words
+from bhm_service.discrepancy.patterns import Pattern
 from bhm_service.discrepancy.sizes import Scene, size, volts, volts_between
 from bhm_service.discrepancy.toll import Toll, tolls
 from bhm_service.units import Value
@@ -139,6 +140,19 @@ def _range_in_words(name: str, low: float, high: float) -> str:
         return f"{name} {low:g} to {high:g}"
     ends = " to ".join(f"{known.factor * end:.{known.digits}f}" for end in (low, high))
     return f"{known.title} {ends} {known.unit}".rstrip()
+
+
+def pattern_in_words(pattern: Pattern) -> str:
+    """What is left, with its units: a description of these flights, bounded to what they saw."""
+    known = VARIABLES.get(pattern.variable, Variable(pattern.variable, ""))
+    unit = "mV" if pattern.kind == "voltage" else "mOhm"
+    ends = sorted((int(np.argmin(pattern.heights)), int(np.argmax(pattern.heights))))
+    told = [
+        f"{1e3 * pattern.heights[k]:+.0f} +- {1e3 * pattern.sd[k]:.0f} {unit} at "
+        + f"{known.factor * pattern.knots[k]:.{known.digits}f} {known.unit}".rstrip()
+        for k in ends
+    ]
+    return f"what is left looks like a {pattern.kind} of the pack that follows {known.title}, {' and '.join(told)}"
 
 
 def _titles(ids: Sequence[str]) -> str:

@@ -70,7 +70,7 @@ def test_ties_hold_the_resistance_at_each_charge_however_it_is_split(joint):
     x[joint.places["lab_resistance"]] = x[joint.places["lab_polarisation"]] = 0.01
     alone = joint.ties @ joint.unknowns.pulls(x)[0]
     x[joint.places["lab_drop_0"]] = -0.01 * joint.lab.ohmic_share
-    x[joint.places["lab_drop_2"]] = -0.01 * (1.0 - joint.lab.ohmic_share)
+    x[joint.places["lab_drop_30"]] = -0.01 * (1.0 - joint.lab.ohmic_share)
     undone = joint.ties @ joint.unknowns.pulls(x)[0]
     assert np.abs(alone).max() > 0.05
     np.testing.assert_allclose(undone, 0.0, atol=1e-9)
