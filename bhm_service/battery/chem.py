@@ -40,7 +40,7 @@ class Chem:
     """Electrochemistry of one cell; every number may be an array that broadcasts against the states."""
 
     q_max: Value = parameter("q_max", "Ah", 0.05, 1000.0, "lithium of both electrodes", scale=SECONDS_PER_HOUR)
-    u_0: Value = parameter("U_0p - U_0n", "V", 2.0, 5.0, "reference potential")
+    u_0: Value = parameter("U_0p - U_0n", "V", 2.0, 7.0, "reference potential, of the curve")
     surface_fraction: Value = parameter("f", "1", 0.01, 0.9, "surface volume over electrode volume")
     t_diffusion: Value = parameter("t_diffusion v", "s", 0.1, 1e5, "diffusion time constant times volume")
     r_o: Value = parameter("R_o", "ohm", 1e-5, 1.0, "ohmic resistance")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +25,7 @@ from bhm_service.discrepancy.lab import Lab, lab_of
 from bhm_service.discrepancy.locate import locate, regime_maps, variables
 from bhm_service.discrepancy.patterns import Pattern, telling
 from bhm_service.discrepancy.repair import flying, patched, repaired, retuned
-from bhm_service.discrepancy.search import LEAST_SNR, NATS, NEAR, STRUCTURAL, Names, Progress, Search, search
+from bhm_service.discrepancy.search import LEAST_SNR, NATS, NEAR, STRUCTURAL, Names, Progress, Search, needed, search
 from bhm_service.discrepancy.selection import NOTHING, Selection, select
 from bhm_service.discrepancy.significance import familywise
 from bhm_service.discrepancy.words import effect_in_words, moved_of, pattern_in_words, sentence, values_of
@@ -151,11 +151,16 @@ def _significant(found: Search, second: Witness | None, rng: np.random.Generator
             all(p <= _SIGNIFICANT for p in p_values.values())
             and not harmful(found, chosen.names, unseen)
             and not any(c.nats < -NEAR for c in contests(found, chosen.names, rng))
-            and (second is None or min(second.earned(chosen.names).values()) >= NEAR)
+            and (second is None or _witnessed(second.earned(chosen.names)))
         ):
             return chosen, p_values
         refuted.append(chosen.names)
     return NOTHING, {}
+
+
+def _witnessed(earned: Mapping[str, float]) -> bool:
+    """Whether every member earns something with the other cell model, and what looks like structure all it has to."""
+    return all(nats >= (needed(name) if name in STRUCTURAL else NEAR) for name, nats in earned.items())
 
 
 def _imitates(found: Search, names: Names, refuted: Sequence[Names]) -> bool:

@@ -11,6 +11,7 @@ from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.search import NATS, NEAR, STRUCTURAL, Names, Search, needed
 
+_CLAIM_NATS = 15.0  # for anything to be said at all: one wrong story in a hundred fleets is too many
 _RIVALRIES = 3  # times that the chosen set's members are held against their mimics, at most
 LEAST_V = 0.001  # [V] of a cell: what adds less than this to the voltage changes nothing that anybody flies by
 _STRUCTURAL_V = 0.004  # [V] of a cell: the same for what looks like an error of the model's structure
@@ -55,14 +56,14 @@ def _near(found: Search, refuted: Collection[Names]) -> list[Names]:
     for names in found.ranked():
         nats = found.evidence(names)
         # One more member has to earn its place against the best set without it, not only against its own remainder.
-        better = nats - NATS * len(names) > most - NATS * len(best)
+        better = nats - _price(names) > most - _price(best)
         close = len(names) <= len(best) and nats > most - NEAR
         if not names or names in refuted or not (better or close) or not _stands(found, names):
             continue
         valid.append(names)
         if better:
             best, most = names, nats
-    if most < NATS or _beyond_physics(found, refuted, most + NATS):
+    if most < _CLAIM_NATS or _beyond_physics(found, refuted, most + NATS):
         return []
     near = [names for names in valid if len(names) <= len(best) and found.evidence(names) > most - NEAR]
     return sorted(near, key=lambda names: (len(names), _order(names), -found.evidence(names)))
@@ -90,6 +91,11 @@ def _matters(found: Search, names: Names) -> bool:
     if volts.get("ocv-shape", np.inf) < _BEYOND * series * found.base.lab.bend_sd_v:
         return False
     return all(earned >= needed(name) for name, earned in found.earned(names).items())
+
+
+def _price(names: Names) -> float:
+    """What a set has to earn. [nats]"""
+    return sum(needed(name) for name in names)
 
 
 def _beyond_physics(found: Search, refuted: Collection[Names], nats: float) -> bool:
