@@ -48,9 +48,9 @@ def slow(pack, rng, step_s=120.0, hours=20.0):
     return recorded(pack, "slow", Kind.SLOW, t, np.full(t.size, CAPACITY_C / (hours * 3600.0)), rng)
 
 
-def one_c(pack, rng):
+def one_c(pack, rng, step_s=5.0):
     """A minute of rest, most of the charge at one C, ten minutes of rest."""
-    t = np.arange(0.0, 4200.0, 5.0)
+    t = np.arange(0.0, 4200.0, step_s)
     return recorded(pack, "one-C", Kind.ONE_C, t, np.where((t >= 60.0) & (t < 3480.0), _RATED_A, 0.0), rng)
 
 

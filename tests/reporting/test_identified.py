@@ -24,7 +24,8 @@ def done():
     """A Circ cell identified from a slow and a one-C discharge, a variable one held out with its best fit."""
     rng = np.random.default_rng(5)
     pack = PackModel(cell_of("circ", rng), 1)
-    recordings = tuple(make(pack, rng).thinned(150) for make in (slow, one_c, variable))
+    made = (slow(pack, rng), one_c(pack, rng, step_s=2.0), variable(pack, rng))
+    recordings = tuple(recording.thinned(150) for recording in made)
     request = Request(
         experiments=recordings[:2], held_out=recordings[2:], oracle=True, series=6, models=("circ",),
         method="nelder-mead", name="<bench> & pack",
