@@ -109,7 +109,8 @@ class Fitted(Generic[ProblemT]):
 
     @cached_property
     def _volume(self) -> float:
-        return float(np.linalg.slogdet(self.curvature)[1])
+        """Twice the log of what was known before over what is known now."""
+        return float(np.linalg.slogdet(self.curvature)[1] - np.linalg.slogdet(self.joint.known)[1])
 
     @property
     def covariance(self) -> Array:

@@ -32,6 +32,7 @@ Places: TypeAlias = NDArray[np.intp]
 # flight, over the state of charge, in how it grows with the load, and in how fast it follows it. A second effect has
 # to beat that.
 _FORM_FLIGHT_SD, _FORM_SOC_SD, _FORM_LOAD_SD, _FORM_LAG_SD = 0.08, 0.12, 0.3, 0.2
+_FORM_MEAN_SD = 0.02  # of all flights, and of all charges: what is off alike everywhere is the member's own size
 _FORM_SOC = np.array([0.15, 0.4, 0.65, 0.95])
 _FORM_LAG_S = (1.0, 10.0, 60.0)
 
@@ -299,8 +300,17 @@ class Joint:
 
     @cached_property
     def ties(self) -> Array:
-        """What the lab knows of sums of numbers."""
-        return self.lab.ties(self.unknowns)
+        """What is known of sums of numbers: the lab's, and that a form changes no member's size as a whole."""
+        rows = [self.lab.ties(self.unknowns)]
+        for member in self.members:
+            for name in (f"form_flight.{member.id}", f"form_soc.{member.id}"):
+                row = np.zeros((1, self.scale.size))
+                row[0, self.places[name]] = self.scale[self.places[name]] / (_FORM_MEAN_SD * self._size_of(name))
+                rows.append(row)
+        return np.concatenate(rows)
+
+    def _size_of(self, name: str) -> int:
+        return self.places[name].stop - self.places[name].start
 
     @cached_property
     def known(self) -> Array:
