@@ -37,6 +37,7 @@ _SAMPLES = 800  # of a flight that the search looks at: neighbours say the same 
 _SEED = 1
 _MOST_REFUTED = 8  # sets that are put to the test, the best first
 _SIGNIFICANT = 0.02  # over the whole catalogue
+_MEANS = 0.08  # of an effect's size: no equation of a whole pack means its number more closely
 _DRAWS = 24  # of the posterior, for the band of a hidden state
 _CELL_V = 3.7  # [V] for the energy of a pack
 
@@ -289,6 +290,8 @@ def parameters(fitted: Fitted, name: str) -> dict[str, Quantity]:
         sd = fitted.sd(u.name)
         if u.log:
             sd = sd * values[u.name][0]
+        if u.declared.absent is not None:
+            sd = np.hypot(sd, _MEANS * (values[u.name][0] - u.declared.absent))
         own = u.declared.name if u.effect == name else f"{u.effect}.{u.declared.name}"
         for k, value in enumerate(values[u.name][0]):
             key = f"{own}[{fitted.joint.flights[k].label}]" if u.per_flight else own

@@ -305,12 +305,10 @@ class Joint:
         for member in self.members:
             for name in (f"form_flight.{member.id}", f"form_soc.{member.id}"):
                 row = np.zeros((1, self.scale.size))
-                row[0, self.places[name]] = self.scale[self.places[name]] / (_FORM_MEAN_SD * self._size_of(name))
+                sds = self.scale[self.places[name]]
+                row[0, self.places[name]] = sds / (_FORM_MEAN_SD * sds.size)
                 rows.append(row)
         return np.concatenate(rows)
-
-    def _size_of(self, name: str) -> int:
-        return self.places[name].stop - self.places[name].start
 
     @cached_property
     def known(self) -> Array:
