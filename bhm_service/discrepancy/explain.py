@@ -92,7 +92,7 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
     elif judged.verdict == "parameter":
         battery = retuned(request.battery, fitted)
     elif judged.verdict == "unknown":
-        battery = patched(request.battery, findings.fit.rmse_after_V / lab.series)
+        battery = patched(request.battery, findings.fit.rmse_before_V / lab.series)
     said, advised = sentence(findings, len(flights), moved_of(fitted)), advice(found, chosen, judged.verdict)
     if leftover is not None:
         said = f"{said[:-1]}; {pattern_in_words(leftover)}."

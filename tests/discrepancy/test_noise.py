@@ -61,3 +61,11 @@ def test_one_reading_in_a_hundred_that_is_no_measurement_changes_little():
 
 def test_no_noise_is_smaller_than_the_floor():
     assert estimated([1e-9 * np.random.default_rng(6).standard_normal(500)], floor_v=0.003).sigma_v == 0.003
+
+
+def test_a_mean_over_samples_is_as_noisy_as_a_simulated_one():
+    noise = Noise(0.95, 0.7, 0.01)
+    shocks = 0.01 * np.random.default_rng(0).standard_normal(400_000)
+    series = lfilter([1.0, -0.7], [1.0, -0.95], shocks)
+    assert noise.averaged_v(1) == pytest.approx(series.std(), rel=0.02)
+    assert noise.averaged_v(8) == pytest.approx(series.reshape(-1, 8).mean(axis=1).std(), rel=0.02)

@@ -9,7 +9,7 @@ from discrepancy.flown import BATTERY, SERIES, SIZES, base, four, noise_model, w
 from bhm_service.battery.battery_file import read_battery, write_battery
 from bhm_service.battery.pack import PackModel
 from bhm_service.discrepancy.fitting import fit
-from bhm_service.discrepancy.repair import flying, repaired, retuned
+from bhm_service.discrepancy.repair import flying, patched, repaired, retuned
 from bhm_service.estimation.tracker import Tracker
 from bhm_service.messages import BatterySample, Model
 
@@ -88,3 +88,11 @@ def test_flying_time_to_the_reserve_falls_with_the_capacity():
     fitted = fit(with_members(four("capacity-fade"), {"capacity-fade"}), NOISE)
     for flight in flying(fitted.joint, fitted):
         assert flight.after_s / flight.before_s == pytest.approx(0.9, abs=0.04)
+
+
+def test_what_nobody_can_name_widens_the_trust_in_the_voltage_and_changes_no_physics(tmp_path):
+    wary = patched(BATTERY, 0.03)
+    assert (wary.circ, wary.chem, wary.joined) == (BATTERY.circ, BATTERY.chem, BATTERY.joined)
+    write_battery(tmp_path / "battery.toml", wary)
+    assert read_battery(tmp_path / "battery.toml").uncertainty.voltage_error_v == pytest.approx(0.03)
+    assert patched(BATTERY, 1e-6).uncertainty.voltage_error_v == BATTERY.uncertainty.voltage_error_v
