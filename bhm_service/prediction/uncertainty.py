@@ -59,7 +59,7 @@ class SigmaPoints:
     """The sigma points of a belief over ``n`` states, the load as one state more."""
 
     def __init__(self, n: int, outcomes: int = 100) -> None:
-        self._points = MerweScaledSigmaPoints(n + 1, 1.0, 0.0, 1.0)
+        self._points = MerweScaledSigmaPoints(n + 1, 1.0, 0.0, 1.0, sqrt_method=factor)
         unit: Array = self._points.sigma_points(np.zeros(n + 1), np.eye(n + 1))
         self._normal = unit
         self._quantiles = np.array([_NORMAL.inv_cdf((k + 0.5) / outcomes) for k in range(outcomes)])
