@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import signal
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -76,6 +77,8 @@ def simulate(options: Options) -> int:
                 measured = f"{state.voltage_v:.2f} V {state.current_a:.1f} A {state.consumed_ah:.2f} Ah"
                 status.update(f"{state.time_s:.0f} s  {where}  {measured}{left}")
 
+            # A shell that starts it in the background has it ignore interrupts, which is how it is meant to end.
+            signal.signal(signal.SIGINT, signal.default_int_handler)
             with contextlib.suppress(KeyboardInterrupt):
                 vehicle.fly(options.speed, tell)
     finally:
