@@ -2,7 +2,7 @@
 
 `import filterpy` runs every filter it has, and through them scipy.stats: 45 MB and 0.4 s that an onboard service has no
 use for. The two modules wanted here need none of it, so they are imported from packages whose own start-up is left
-out; so is scipy.linalg, a third of the service's start, of which they take functions that are never called here. After-
+out; so is scipy.linalg, a third of the service's start: what they take of it is imported when it is called. After-
 wards `import filterpy` and `import scipy.linalg` work for everybody else as if this had not happened.
 """
 
@@ -11,6 +11,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import sys
+from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
@@ -18,11 +19,14 @@ _PACKAGES = ("filterpy", "filterpy.kalman")
 _UNUSED = "scipy.linalg"
 
 
-class _Empty(ModuleType):
-    """Has every name, and nothing behind it."""
+class _Later(ModuleType):
+    """Has every name of a module that is imported when the first of them is called."""
 
-    def __getattr__(self, name: str) -> None:
-        return None
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        def called(*args: Any, **named: Any) -> Any:
+            return getattr(importlib.import_module(_UNUSED), name)(*args, **named)
+
+        return called
 
 
 def _load() -> tuple[Any, Any]:
@@ -37,7 +41,7 @@ def _load() -> tuple[Any, Any]:
     linalg = sys.modules.get(_UNUSED)
     try:
         if linalg is None:
-            sys.modules[_UNUSED] = _Empty(_UNUSED)
+            sys.modules[_UNUSED] = _Later(_UNUSED)
         for package, path in zip(_PACKAGES, (root, f"{root}/kalman"), strict=True):
             hollow = ModuleType(package)
             hollow.__path__ = [path]
