@@ -71,19 +71,19 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
     progress("which of them stands")
     rng = np.random.default_rng(_SEED)
     second = _witness(request, found, flights)
-    chosen, p_values = _significant(found, second, rng)
+    chosen, p_values, rivals = _significant(found, second, rng)
     chosen, leftover = _outweighed(found, chosen)
     fitted = found.fitted(chosen.names)
     progress("flights that no fit saw")
     proof = held_out(found, chosen.names)
-    progress("phantom drivers")
-    rivals = contests(found, chosen.names, rng)
+    progress("the course of every flight")
     courses = courses_of(base, fitted)
     dull = [
         NotExcited(c.id, f"of its usual size it would stand {found.snr[c.id]:.1f} sigma out of noise and lab errors")
         for c in tried
         if not c.inferred and found.snr.get(c.id, LEAST_SNR) < LEAST_SNR
     ]
+    rivals = rivals if chosen.names else []
     judged = verdict.judge(found, chosen, fitted, courses, rivals, leftover)
     findings = _findings(found, chosen, fitted, courses, proof, rivals, p_values, judged)
     battery = None
@@ -136,10 +136,13 @@ def _witness(request: Request, found: Search, flights: tuple[FlightData, ...]) -
     return witness(lab, found.base, [*tried, *contacts])
 
 
-def _significant(found: Search, second: Witness | None, rng: np.random.Generator) -> tuple[Selection, dict[str, float]]:
+def _significant(
+    found: Search, second: Witness | None, rng: np.random.Generator
+) -> tuple[Selection, dict[str, float], list[Contest]]:
     """The best set that beats noise, is beaten by no phantom, harms on no unseen flight and has the other model's word.
 
-    Sets are dropped one by one; a catalogue of which the best are all refuted has nothing to say.
+    With it its members' odds in noise, and its contests with phantoms. Sets are dropped one by one; a catalogue of
+    which the best are all refuted has nothing to say.
     """
     refuted: list[Names] = []
     unseen: dict[Names, list[Array]] = {}
@@ -148,15 +151,15 @@ def _significant(found: Search, second: Witness | None, rng: np.random.Generator
         if _imitates(found, chosen.names, refuted):
             break
         p_values = familywise(found, chosen.names, rng)
-        if not chosen.names or (
-            all(p <= _SIGNIFICANT for p in p_values.values())
-            and not harmful(found, chosen.names, unseen)
-            and not any(c.nats < -NEAR for c in contests(found, chosen.names, rng))
-            and (second is None or _witnessed(second.earned(chosen.names)))
-        ):
-            return chosen, p_values
+        if not chosen.names:
+            return chosen, p_values, []
+        if all(p <= _SIGNIFICANT for p in p_values.values()) and not harmful(found, chosen.names, unseen):
+            rivals = contests(found, chosen.names, rng)
+            beaten = any(c.nats < -NEAR for c in rivals)
+            if not beaten and (second is None or _witnessed(second.earned(chosen.names))):
+                return chosen, p_values, rivals
         refuted.append(chosen.names)
-    return NOTHING, {}
+    return NOTHING, {}, []
 
 
 def _witnessed(earned: Mapping[str, float]) -> bool:

@@ -13,7 +13,7 @@ from bhm_service.battery.effects.base import Effect
 from bhm_service.battery.pack import PackModel, Simulation
 from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.flights import FlightData
-from bhm_service.discrepancy.lab import BEND_SOC, Lab, LabError, lagging
+from bhm_service.discrepancy.lab import BEND_SOC, Lab, LabError, hats, lagging
 from bhm_service.discrepancy.noise import Noise
 from bhm_service.identification.unknowns import Block, Unknowns, joined, numbers
 from bhm_service.units import Array, Flags
@@ -249,10 +249,6 @@ class Joint:
     def _rest_sd_v(self) -> float:
         return self.lab.series * _REST_SD_V
 
-    def misfits(self, x: Array) -> list[Array]:
-        """Measured minus modelled voltage [V] of every flight, NaN where it was not measured; by the equations."""
-        return [f.voltage_v - self.predicted(x[None, :], k, forms=False).voltage[0] for k, f in enumerate(self.flights)]
-
     def residuals(self, x: Array, noise: Noise) -> list[Array]:
         """Whitened residuals of every flight, and of the voltage rested after it."""
         return [self._whitened(self.predicted(x[None, :], k), k, noise)[0] for k in range(len(self.flights))]
@@ -318,12 +314,10 @@ class Joint:
 
 def _form_shapes(added: Array, data: FlightData, soc: Array) -> Array:
     """By which shapes what members add to the voltage (M, T) may be off (.., M, T), in the order of the form blocks."""
-    place = np.interp(soc, _FORM_SOC, np.arange(_FORM_SOC.size, dtype=float))
-    hats = np.maximum(1.0 - np.abs(place - np.arange(_FORM_SOC.size)[:, None]), 0.0)
     usual = float(np.mean(np.abs(data.current_a))) + 1e-9
     light = added * np.clip(1.0 - np.abs(data.current_a) / usual, -1.0, 1.0)
     late = [lagging(data.time_s, added, tau) - added for tau in _FORM_LAG_S]
-    return np.stack([added, *(added * hat for hat in hats), light, *late])
+    return np.stack([added, *(added * hat for hat in hats(_FORM_SOC, soc)), light, *late])
 
 
 def _about_zero(name: str, size: int, sd: float) -> Block:

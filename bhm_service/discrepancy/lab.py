@@ -122,14 +122,14 @@ class Lab:
     def added(self, followed: Array, current: Array, soc: Array) -> Array:
         """What one of each of `additions` adds to the pack's voltage [V] along a flight; (numbers, T)."""
         cell = current / self.parallel
-        places = _hats(DROP_SOC, soc)
+        places = hats(DROP_SOC, soc)
         drops = (-self.ohm * followed[:-1, None, :] * places).reshape(-1, soc.size)
         hover = _HOVER_C * self.capacity_c / self.parallel / SECONDS_PER_HOUR
         # A drop that bends with the current, at low and at high charge, without changing it at the hover.
         bent = -self.ohm * cell * (np.abs(cell) / hover - 1.0)
         charge = np.clip(soc, 0.0, 1.0)
         skewed = -self.ohm * self.ohmic_share * (cell - followed[-1]) / _SKEW_S
-        bends = _hats(BEND_SOC, soc)
+        bends = hats(BEND_SOC, soc)
         return np.asarray(self.series * np.vstack([bends, drops, bent * (1.0 - charge), bent * charge, skewed]))
 
 
@@ -137,7 +137,7 @@ def _near(name: str, size: int, sd: float) -> Block:
     return numbers(name, np.zeros(size), sd, _REACH * sd)
 
 
-def _hats(knots: Array, soc: Array) -> Array:
+def hats(knots: Array, soc: Array) -> Array:
     """Triangles over ``knots`` (K,), level beyond them: (K, T)."""
     place = np.interp(soc, knots, np.arange(knots.size, dtype=float))
     return np.asarray(np.maximum(1.0 - np.abs(place - np.arange(knots.size)[:, None]), 0.0))

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from bhm_service.discrepancy.fitting import Fitted, weights
+from bhm_service.discrepancy.lab import hats
 from bhm_service.discrepancy.locate import variables
 from bhm_service.units import Array
 
@@ -55,11 +56,11 @@ def patterns(fitted: Fitted) -> list[Pattern]:
         ("resistance", -current, _RESISTANCE_SD * ohm),
     )
     for name, values in over.items():
-        hats, knots = _hats(values)
+        shapes, knots = _shapes(values)
         if name in _OPEN or knots.size < 2:
             continue
         for kind, by, sd in kinds:
-            heights, spread, nats = _added(fitted, sd * by * hats)
+            heights, spread, nats = _added(fitted, sd * by * shapes)
             found.append(Pattern(kind, name, knots, sd * heights, sd * spread, nats))
     return sorted(found, key=lambda p: -p.nats)
 
@@ -87,7 +88,7 @@ def _added(fitted: Fitted, shapes: Array) -> tuple[Array, Array, float]:
     return np.asarray(heights), np.sqrt(np.diag(np.linalg.inv(posterior))).astype(float), nats
 
 
-def _hats(values: Array) -> tuple[Array, Array]:
+def _shapes(values: Array) -> tuple[Array, Array]:
     """Triangles over a variable's own knots (knots, T), zero where it is not known, and the knots."""
     known = np.isfinite(values)
     if known.sum() < 20 or np.ptp(values[known]) <= 1e-9:
@@ -96,6 +97,4 @@ def _hats(values: Array) -> tuple[Array, Array]:
     knots = distinct if distinct.size <= 2 * _KNOTS else np.unique(
         np.quantile(values[known], np.linspace(0.0, 1.0, _KNOTS))
     )  # fmt: skip
-    place = np.interp(np.where(known, values, knots[0]), knots, np.arange(knots.size, dtype=float))
-    hats = np.maximum(1.0 - np.abs(place - np.arange(knots.size)[:, None]), 0.0)
-    return np.where(known, hats, 0.0), knots
+    return np.where(known, hats(knots, np.where(known, values, knots[0])), 0.0), knots
