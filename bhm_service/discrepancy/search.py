@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bhm_service.discrepancy.candidate import Candidate
-from bhm_service.discrepancy.fitting import Fitted, fit
+from bhm_service.discrepancy.fitting import Fitted, fit, weights
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.noise import Noise, estimated
 from bhm_service.discrepancy.steps import contact_candidate, episodes
@@ -28,6 +28,7 @@ _WIDTH, _DEPTH, _EXPANSIONS = 3, 3, 4
 # What a model gets wrong it gets wrong alike in all flights of a kind: they are not independent witnesses of it.
 _WITNESSES, _MOST_DOUBT = 1.0 / 3.0, 3.0
 _BENT = 3.0  # standard deviations
+_FLAT = 1e-4  # squared standard deviations of noise by one of a prior: no slope at all
 _SUDDEN = 0.2  # of the ohmic drop of a sudden change: what relaxes within a sample no lab at one hertz tells
 _FLOOR_V = 1e-3  # [V] of a cell: no voltage is measured and modelled better than this
 
@@ -131,14 +132,27 @@ def candidate_geometry(at: Fitted, joint: Joint, candidate: Candidate) -> Geomet
     across = np.linalg.solve(at.known_curvature, old.T @ own)
     directions = old @ across - own
     information = own.T @ own - (own.T @ old) @ across
-    return Geometry(directions.T @ np.concatenate(at.rows), information, directions)
+    # Where the fit stands, what is known before of its own numbers pulls as hard as the residuals do: the residuals
+    # along those numbers are not for the candidate to lose.
+    row = np.concatenate(at.rows)
+    score = across.T @ at.gradient - own.T @ (weights(row) * row)
+    return Geometry(score, information, directions)
 
 
 def _linear_gain(at: Fitted, joint: Joint, candidate: Candidate) -> float:
     found = candidate_geometry(at, joint, candidate)
-    posterior = found.information + np.eye(found.score.size)
+    score, information = found.score, found.information
+    if float(np.max(np.diag(information))) < _FLAT:
+        # What begins with no slope is known by what it does at its usual size.
+        shown = _usual(at, joint, candidate)
+        old = np.vstack(at.slopes)
+        across = np.linalg.solve(at.known_curvature, old.T @ shown)
+        information = np.array([[shown @ shown - (old.T @ shown) @ across]])
+        row = np.concatenate(at.rows)
+        score = np.array([across @ at.gradient - shown @ (weights(row) * row)])
+    posterior = information + np.eye(score.size)
     # Effects at their typical size, not at none: the pull of the prior is left out of the expectation.
-    gain = 0.5 * found.score @ np.linalg.solve(posterior, found.score)
+    gain = 0.5 * score @ np.linalg.solve(posterior, score)
     return float(gain - 0.5 * np.linalg.slogdet(posterior)[1])
 
 
@@ -154,6 +168,14 @@ def _new(joint: Joint, candidate: Candidate) -> Flags:
 
 def expected_snr(at: Fitted, joint: Joint, candidate: Candidate) -> float:
     """Standard deviations by which the candidate at its usual size would stand out of noise and lab errors."""
+    shown = _usual(at, joint, candidate)
+    explained = np.vstack(at.slopes).T @ shown
+    power = shown @ shown - explained @ np.linalg.solve(at.known_curvature, explained)
+    return float(np.sqrt(max(float(power), 0.0)))
+
+
+def _usual(at: Fitted, joint: Joint, candidate: Candidate) -> Array:
+    """By what the whitened residuals change when the candidate joins a fit at its usual size."""
     absent = _absent(joint, at, candidate)
     usual = absent.copy()
     for u in candidate.amplitudes():
@@ -161,10 +183,7 @@ def expected_snr(at: Fitted, joint: Joint, candidate: Candidate) -> float:
         mean, sd = u.prior
         size = mean if mean != u.declared.absent else mean + sd
         usual[joint.unknowns.slice_of(u.name)] = np.log(size) if u.log else size
-    shown = np.concatenate(joint.residuals(usual, at.noise)) - np.concatenate(joint.residuals(absent, at.noise))
-    explained = np.vstack(at.slopes).T @ shown
-    power = shown @ shown - explained @ np.linalg.solve(at.known_curvature, explained)
-    return float(np.sqrt(max(float(power), 0.0)))
+    return np.concatenate(joint.residuals(usual, at.noise)) - np.concatenate(joint.residuals(absent, at.noise))
 
 
 def saturated_noise(at: Fitted, candidates: Sequence[Candidate]) -> Noise:

@@ -12,6 +12,7 @@ from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.search import NATS, NEAR, STRUCTURAL, Names, Search, needed
 
 _CLAIM_NATS = 15.0  # for anything to be said at all: one wrong story in a hundred fleets is too many
+_RIVALS = 6  # beside its mimics that a member of a set is held against
 _RIVALRIES = 3  # times that the chosen set's members are held against their mimics, at most
 LEAST_V = 0.001  # [V] of a cell: what adds less than this to the voltage changes nothing that anybody flies by
 _STRUCTURAL_V = 0.004  # [V] of a cell: the same for what looks like an error of the model's structure
@@ -70,12 +71,17 @@ def _near(found: Search, refuted: Collection[Names]) -> list[Names]:
 
 
 def _swaps(found: Search, names: Names) -> None:
-    """Each member against its mimics."""
+    """Each member against its mimics and against what looks best beside the others: the beam has met few of these."""
     there = {c.id for c in found.candidates}
     for member in sorted(names):
-        for other in EFFECTS[member].mimics:
-            if other in there and other not in names:
-                found.fitted(names - {member} | {other}, found.fitted(names))
+        others = names - {member}
+        rivals = [other for other in EFFECTS[member].mimics if other in there]
+        if others:
+            gains = found.gains(others)
+            rivals += sorted(gains, key=lambda name: -gains[name])[:_RIVALS]
+        for other in dict.fromkeys(rivals):
+            if other not in names:
+                found.fitted(others | {other}, found.fitted(names))
 
 
 def _stands(found: Search, names: Names) -> bool:

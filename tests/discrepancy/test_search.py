@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from discrepancy.flown import BATTERY, SIZES, base, catalogue, four
+from discrepancy.flown import BATTERY, SIZES, base, catalogue, flown, four, noise_model
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.explain import Request, explain
-from bhm_service.discrepancy.search import search
+from bhm_service.discrepancy.search import Search, search
 from bhm_service.discrepancy.selection import select
 
 FLOWN = [*((name, "circ") for name in SIZES), ("resistance-growth", "chem")]
@@ -26,6 +26,28 @@ def test_an_effect_is_named_among_its_mimics(name, model):
     assert frozenset({name}) in {chosen.names, *chosen.alternatives}
     assert len(chosen.names) == 1
     assert chosen.earned[next(iter(chosen.names))] > 6.0
+
+
+def missing(name, **sizes):
+    """A search over one effect on flights that carry it, and what the fit without it pays for what the lab knows."""
+    flights = tuple(flown([EFFECTS[name](**sizes)], seed=3, number=k) for k in range(4))
+    found = Search(base(flights), tuple(catalogue(flights, only={name})), noise_model())
+    bare = found.fitted(frozenset())
+    return found, float(np.sum(bare.joint.pulls(bare.x) ** 2))
+
+
+def test_what_a_candidate_is_expected_to_add_is_what_its_fit_adds():
+    """The lab's errors have been bent to make up for it, and it gets back what that cost."""
+    found, pulled = missing("unseen-load", current=1.0)
+    assert pulled > 40.0
+    assert found.gains(frozenset())["unseen-load"] == pytest.approx(
+        found.evidence(frozenset({"unseen-load"})), rel=0.15
+    )
+
+
+def test_an_effect_that_begins_without_a_slope_is_expected_to_add_what_it_shows_at_its_usual_size():
+    found, _ = missing("charge-transfer", bend=3.0)
+    assert found.gains(frozenset())["charge-transfer"] > 0.5 * found.evidence(frozenset({"charge-transfer"})) > 50.0
 
 
 @pytest.fixture(scope="module")
