@@ -7,7 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from bhm_service.battery.cell import Modifiers
+from bhm_service.battery.cell import UNMODIFIED, Modifiers
+from bhm_service.battery.circ import Circ
 from bhm_service.battery.effects.base import Conditions, Effect, Instant
 from bhm_service.battery.parameters import parameter
 from bhm_service.units import FARADAY, GAS_CONSTANT, SECONDS_PER_HOUR, Value
@@ -20,33 +21,37 @@ class ChargeTransfer(Effect):
     """V_ct = (2 R_g T / F) asinh(i / 2 i_0) in the place of a straight line.
 
     Circ's resistances were identified around the load of a hover, so the straight line that is replaced is the chord
-    up to 2C: the effect bends the drop but does not change it there. Chem has these kinetics: there they may be
-    faster or slower than identified.
+    up to 2C of the kinetics as the lab had them: at that speed the effect bends the drop but does not change it there.
+    Since then they may have become slower or faster. Chem has these kinetics: there only their speed is open.
     """
 
     id: ClassVar[str] = "charge-transfer"
     title: ClassVar[str] = "The drop is not proportional to the current"
-    equation: ClassVar[str] = "V_ct = (2 R_g T / F) asinh(i / 2 i_0) for its chord up to 2C; Chem also k = s k_lab"
+    equation: ClassVar[str] = (
+        "V_ct = (2 R_g T / F) asinh(i / 2 s i_0) for the chord of s = 1 up to 2C; Chem k = s k_lab"
+    )
     source: ClassVar[str] = "Butler-Volmer with alpha = 0.5, Daigle & Kulkarni 2013; i_0 0.12-1.2 C"
     excited_by: ClassVar[str] = "loads from rest to full throttle at one charge"
-    mimics: ClassVar[tuple[str, ...]] = ("resistance-temperature", "core-lag", "current-gain")
+    mimics: ClassVar[tuple[str, ...]] = (
+        "resistance-temperature", "resistance-growth", "contact-resistance", "core-lag", "current-gain",
+    )  # fmt: skip
     manoeuvre: ClassVar[str] = "a staircase of three throttle levels, 5 s each, at one charge"
 
     bend: Value = parameter(
-        "1C / i_0", "1", 0.0, 100.0, "current of one hour's discharge over the exchange current", default=0.0,
+        "1C / i_0", "1", 0.0, 100.0, "current of one hour's discharge over the lab's exchange current", default=0.0,
         absent=0.0, prior=(2.0, 1.5), model="circ",
     )  # fmt: skip
     speed: Value = parameter(
         "s", "1", 0.05, 20.0, "speed of charge transfer over that of the lab", default=1.0, absent=1.0,
-        prior=(1.0, 0.4), model="chem",
+        prior=(1.0, 0.4),
     )  # fmt: skip
 
     def modifiers(self, state: tuple[Value, ...], at: Conditions) -> Modifiers:
-        return Modifiers(kinetics=self.speed)
+        return UNMODIFIED if isinstance(at.cell, Circ) else Modifiers(kinetics=self.speed)
 
     def extra_voltage(self, state: tuple[Value, ...], now: Instant) -> Value:
         rate = now.cell_current * (SECONDS_PER_HOUR / now.cell.capacity_c)  # in C
         half = 0.5 * self.bend / now.by.kinetics
-        bent = np.arcsinh(half * rate)
+        bent = np.arcsinh(half * rate / self.speed)
         chord = rate * (np.arcsinh(half * _CHORD_C) / _CHORD_C)
         return now.series * (2.0 * GAS_CONSTANT / FARADAY) * now.temperature * (chord - bent)

@@ -24,7 +24,9 @@ class ContactResistance(Effect):
     equation: ClassVar[str] = "dV = -R_w I"
     source: ClassVar[str] = "12 AWG 5.2 mOhm/m; worn connectors 1-6 mOhm"
     excited_by: ClassVar[str] = "throttle steps"
-    mimics: ClassVar[tuple[str, ...]] = ("resistance-growth", "resistance-temperature", "intermittent-contact")
+    mimics: ClassVar[tuple[str, ...]] = (
+        "resistance-growth", "resistance-temperature", "charge-transfer", "intermittent-contact",
+    )  # fmt: skip
     manoeuvre: ClassVar[str] = "measure the voltage at the pack and at the board in one hover"
 
     resistance: Value = parameter(

@@ -183,6 +183,16 @@ def test_charge_transfer_bends_the_drop_around_the_hover():
         np.testing.assert_allclose(found, N * scale * (chord - bent), rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.parametrize("speed", [0.2, 0.7, 1.5])
+def test_another_speed_of_charge_transfer_is_another_exchange_current_than_that_of_the_lab(speed):
+    """Between the lab's kinetics and others the chord drops out."""
+    lab, now = (fx.ChargeTransfer(bend=2.5, speed=s) for s in (1.0, speed))
+    rate = GUSTY / (CAPACITY_C / 3600.0)
+    scale = N * 2 * GAS_CONSTANT * 298.15 / FARADAY
+    more = scale * (np.arcsinh(1.25 * rate / speed) - np.arcsinh(1.25 * rate))
+    np.testing.assert_allclose(difference(circ(), lab) - difference(circ(), now), more, rtol=1e-9, atol=1e-12)
+
+
 def test_faster_charge_transfer_of_chem_is_a_larger_exchange_current():
     fast = run(chem(), fx.ChargeTransfer(speed=1.5))
     np.testing.assert_allclose(fast.voltage, run(chem(i_p0=30.0, i_n0=90.0)).voltage, rtol=1e-12)
