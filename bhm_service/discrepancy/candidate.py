@@ -110,9 +110,14 @@ def candidates(
     pack_wh: float,
     identified: bool = True,
     joined: Collection[str] = (),
+    capacity_c: float = 0.0,
 ) -> tuple[list[Candidate], list[NotExcited]]:
-    """What of the catalogue can be tried on these flights, and what cannot; ``joined`` is in the battery already."""
+    """What of the catalogue can be tried on these flights, and what cannot; ``joined`` is in the battery already.
+
+    Without ``capacity_c`` [C] flights are taken to be as deep as any effect needs.
+    """
     known = _known_drivers(flights)
+    deepest = min(1.0 - float(f.charge_c[-1]) / capacity_c for f in flights) if capacity_c else 0.0
     found: list[Candidate] = []
     missing: list[NotExcited] = []
     for kind in EFFECTS.values():
@@ -123,6 +128,9 @@ def candidates(
             continue
         if kind.id in _STARTS and not identified:
             missing.append(NotExcited(kind.id, "the battery file is not of this pack, so its start is open anyway"))
+            continue
+        if deepest > kind.shown_below:
+            missing.append(NotExcited(kind.id, f"no flight goes below {kind.shown_below:.0%} of charge"))
             continue
         needed = [d for d in kind.drivers if d not in known]
         carriers = [e for e in EFFECTS.values() if set(needed) & set(e.supplies)]

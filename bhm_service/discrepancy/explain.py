@@ -11,7 +11,7 @@ from bhm_service.battery.battery_file import BatteryFile, ModelName
 from bhm_service.config import Vehicle
 from bhm_service.discrepancy import verdict
 from bhm_service.discrepancy.advice import advice
-from bhm_service.discrepancy.candidate import NotExcited, candidates
+from bhm_service.discrepancy.candidate import Candidate, NotExcited, candidates
 from bhm_service.discrepancy.confirm import HeldOut, harmful, held_out
 from bhm_service.discrepancy.crossing import Witness, witness
 from bhm_service.discrepancy.decoys import contests
@@ -26,7 +26,7 @@ from bhm_service.discrepancy.locate import locate, regime_maps, variables
 from bhm_service.discrepancy.patterns import Pattern, telling
 from bhm_service.discrepancy.repair import flying, patched, repaired, retuned
 from bhm_service.discrepancy.search import LEAST_SNR, NATS, NEAR, STRUCTURAL, Names, Progress, Search, needed, search
-from bhm_service.discrepancy.selection import NOTHING, Selection, select
+from bhm_service.discrepancy.selection import MOST, NOTHING, Selection, select, share
 from bhm_service.discrepancy.significance import familywise
 from bhm_service.discrepancy.words import effect_in_words, moved_of, pattern_in_words, sentence, values_of
 from bhm_service.errors import BadInputError
@@ -65,7 +65,7 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
         )
     lab = lab_of(request.battery, request.model, request.series, request.capacity_c)
     base = Joint(lab, flights)
-    tried, missing = candidates(flights, lab.model, _energy_wh(lab), lab.identified, [e.id for e in lab.effects])
+    tried, missing = _tried(lab, flights)
     progress("the battery as it is")
     found = search(base, tried, progress)
     progress("which of them stands")
@@ -121,8 +121,10 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
     )
 
 
-def _energy_wh(lab: Lab) -> float:
-    return _CELL_V * lab.series * lab.capacity_c / SECONDS_PER_HOUR
+def _tried(lab: Lab, flights: Sequence[FlightData]) -> tuple[list[Candidate], list[NotExcited]]:
+    energy_wh = _CELL_V * lab.series * lab.capacity_c / SECONDS_PER_HOUR
+    joined = [e.id for e in lab.effects]
+    return candidates(flights, lab.model, energy_wh, lab.identified, joined, lab.capacity_c)
 
 
 def _witness(request: Request, found: Search, flights: tuple[FlightData, ...]) -> Witness | None:
@@ -131,7 +133,7 @@ def _witness(request: Request, found: Search, flights: tuple[FlightData, ...]) -
     if (request.battery.chem if other == "chem" else request.battery.circ) is None:
         return None
     lab = lab_of(request.battery, other, request.series, request.capacity_c)
-    tried, _ = candidates(flights, other, _energy_wh(lab), lab.identified, [e.id for e in lab.effects])
+    tried, _ = _tried(lab, flights)
     contacts = [c for c in found.candidates if c.price > 0.0]
     return witness(lab, found.base, [*tried, *contacts])
 
@@ -148,8 +150,6 @@ def _significant(
     unseen: dict[Names, list[Array]] = {}
     for _ in range(_MOST_REFUTED):
         chosen = select(found, refuted)
-        if _imitates(found, chosen.names, refuted):
-            break
         p_values = familywise(found, chosen.names, rng)
         if not chosen.names:
             return chosen, p_values, []
@@ -167,21 +167,16 @@ def _witnessed(earned: Mapping[str, float]) -> bool:
     return all(nats >= (needed(name) if name in STRUCTURAL else NEAR) for name, nats in earned.items())
 
 
-def _imitates(found: Search, names: Names, refuted: Sequence[Names]) -> bool:
-    """Whether a set is only what a refuted one, that the flights liked far better, leaves to be had."""
-    liked = max((found.evidence(r) for r in refuted), default=0.0)
-    return found.evidence(names) < liked - NATS and not any(names < r for r in refuted)
-
-
 def _outweighed(found: Search, chosen: Selection) -> tuple[Selection, Pattern | None]:
     """The selection and the pattern that it leaves; nothing is selected where a pattern tells more than it does.
 
-    What looks like a model's structure is no physics of this pack where something without a name does as well.
+    What by itself explains most of the misfit stays, with an unexplained rest. What looks like a model's structure
+    is no physics of this pack where something without a name does as well.
     """
     left = telling(found.fitted(chosen.names))
     if not chosen.names:
-        return chosen, left
-    if left is not None and left.nats > found.evidence(chosen.names):
+        return chosen, left if verdict.beyond_lab(found) else None
+    if left is not None and left.nats > found.evidence(chosen.names) and share(found, chosen.names) < MOST:
         return NOTHING, left
     if chosen.names <= STRUCTURAL:
         bare = telling(found.fitted(frozenset()))

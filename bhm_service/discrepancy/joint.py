@@ -163,6 +163,12 @@ class Joint:
                 row[self.places[u.name]] = np.log(u.declared.absent) if u.log else u.declared.absent
         return bare
 
+    @cached_property
+    def misfits(self) -> list[Array]:
+        """What every flight's voltage is off by [V] under what was known before; nan where none was read."""
+        bare = self.unknowns.start[None, :]
+        return [f.voltage_v - self.predicted(bare, k).voltage[0] for k, f in enumerate(self.flights)]
+
     def predicted(self, points: Array, flight: int, forms: bool = True) -> Predicted:
         """One flight's voltages for vectors (M, n), and the voltage rested after it where the sidecar has one.
 

@@ -38,6 +38,7 @@ _LEVEL_ENDS = 3.0  # times that near full and near empty, where the lab's load i
 _LEVEL_S = 60.0  # what comes later the lab cannot tell from the open-circuit curve
 _MOST_WIDER = 3.0  # times that, where the flights show that a model follows its own pack less well
 _SKEW_SD_S = 0.4  # two filtered channels; and what relaxes within a second no lab at one hertz sees
+_SKEW_MOST_S = 1.0  # a sample: what is more is no matter of filters
 _SKEW_S = 1.0  # the lag that a skew is made of, as in the effect of that name
 _REACH = 8.0  # standard deviations within which a nuisance may be fitted
 
@@ -95,7 +96,7 @@ class Lab:
             _near("lab_bends", BEND_SOC.size, self.bend_sd_v),
             *(_near(f"lab_drop_{tau:.0f}", DROP_SOC.size, self.drop_sds[tau]) for tau in DROP_S),
             _near("lab_curve", 2, 2.0 * self.drop_sd),
-            _near("lab_skew", 1, _SKEW_SD_S),
+            numbers("lab_skew", np.zeros(1), _SKEW_SD_S, _SKEW_MOST_S),
         ]
 
     def ties(self, unknowns: Unknowns) -> Array:

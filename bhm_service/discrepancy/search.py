@@ -22,11 +22,16 @@ STRUCTURAL = frozenset(
     {"ocv-shape", "resistance-shape", "slow-diffusion", "charge-transfer", "hysteresis", "rate-capacity", "time-skew"}
 )
 _STRUCTURAL_NATS = 30.0
+# A course over the charge that is free at every knot follows nearly anything: only where no equation comes near it.
+FREE = frozenset({"ocv-shape", "resistance-shape"})
+_FREE_NATS = 60.0
 LEAST_SNR = 3.0  # below, these recordings cannot show an effect of the usual size
 _TRIED_SNR = 1.0  # below, they could not even show one of several times that
 _WIDTH, _DEPTH, _EXPANSIONS = 3, 3, 4
-# What a model gets wrong it gets wrong alike in all flights of a kind: they are not independent witnesses of it.
+# What a model gets wrong it gets wrong alike in all flights of a kind: they are not independent witnesses of it. And
+# the more it gets wrong in the lab, the more of what it leaves in flight is its own.
 _WITNESSES, _MOST_DOUBT = 1.0 / 3.0, 3.0
+_USUAL_V = 0.006  # [V] of a cell: what a model that follows its cell is off by on recordings that no fit saw
 _BENT = 3.0  # standard deviations
 _FLAT = 1e-4  # squared standard deviations of noise by one of a prior: no slope at all
 _SUDDEN = 0.2  # of the ohmic drop of a sudden change: what relaxes within a sample no lab at one hertz tells
@@ -38,6 +43,8 @@ Names = frozenset[str]
 
 def needed(name: str) -> float:
     """What a member has to earn. [nats]"""
+    if name in FREE:
+        return _FREE_NATS
     return _STRUCTURAL_NATS if name in STRUCTURAL else NATS
 
 
@@ -214,7 +221,9 @@ def saturated_noise(at: Fitted, candidates: Sequence[Candidate]) -> Noise:
     at_row = np.cumsum([0, *(r.size for r in rows)])
     parts = [left[at_row[k] : at_row[k] + lengths[k]] for k in range(len(rows))]
     noise = estimated(parts, joint.lab.series * _FLOOR_V)
-    return replace(noise, sudden=_SUDDEN, doubt=float(np.clip(_WITNESSES * len(parts), 1.0, _MOST_DOUBT)))
+    alike = float(np.clip(_WITNESSES * len(parts), 1.0, _MOST_DOUBT))
+    poor = float(np.clip(joint.lab.voltage_error_v / _USUAL_V, 1.0, _MOST_DOUBT)) if joint.lab.identified else 1.0
+    return replace(noise, sudden=_SUDDEN, doubt=alike * poor)
 
 
 def search(base: Joint, candidates: Sequence[Candidate], progress: Progress = lambda _: None) -> Search:

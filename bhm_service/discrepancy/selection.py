@@ -10,6 +10,7 @@ import numpy as np
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.search import NATS, NEAR, STRUCTURAL, Names, Search, needed
+from bhm_service.units import Array
 
 _CLAIM_NATS = 15.0  # for anything to be said at all: one wrong story in a hundred fleets is too many
 _RIVALS = 6  # beside its mimics that a member of a set is held against
@@ -18,8 +19,12 @@ LEAST_V = 0.001  # [V] of a cell: what adds less than this to the voltage change
 _STRUCTURAL_V = 0.004  # [V] of a cell: the same for what looks like an error of the model's structure
 _BEYOND = 2.0  # times what the lab leaves open, which bends every curve: less is no other shape
 _LEAST = dict.fromkeys(STRUCTURAL - {"time-skew"}, _STRUCTURAL_V)  # a skew shows at steps only
+MOST = 0.5  # of the misfit's power: what explains less of it by itself is not the explanation
+_FELT = 0.1  # of what an effect adds at most
 _REACH = 0.995  # of the way to a bound of what is physical
-_ORDER = {name: place for place, name in enumerate(EFFECTS)}  # the commoner first
+# The commoner first: what stands beside another cause, or is an error of a model's structure, comes last.
+_SECOND = STRUCTURAL | {"core-lag", "entropic-voltage", "cold-capacity"}
+_ORDER = {name: place for place, name in enumerate(sorted(EFFECTS, key=lambda name: name in _SECOND))}
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +41,10 @@ NOTHING = Selection(frozenset(), (), {}, {})
 
 
 def select(found: Search, refuted: Collection[Names] = ()) -> Selection:
-    """The best of the sets whose every member earns its place; among equals the simplest, then the commonest."""
+    """The best of the sets whose every member earns its place; among equals the simplest, then the commonest.
+
+    What the flights like far less than a refuted set is only what that one leaves to be had, unless it is part of it.
+    """
     near = _near(found, refuted)
     for _ in range(_RIVALRIES):
         held = near[:1]
@@ -54,12 +62,14 @@ def _near(found: Search, refuted: Collection[Names]) -> list[Names]:
     """The sets that could be the explanation, first the one that is chosen; empty where none is."""
     valid: list[Names] = []
     best, most = frozenset[str](), 0.0
+    liked = max((found.evidence(r) for r in refuted), default=0.0) - NATS
     for names in found.ranked():
         nats = found.evidence(names)
         # One more member has to earn its place against the best set without it, not only against its own remainder.
         better = nats - _price(names) > most - _price(best)
         close = len(names) <= len(best) and nats > most - NEAR
-        if not names or names in refuted or not (better or close) or not _stands(found, names):
+        imitates = nats < liked and not any(names < r for r in refuted)
+        if not names or names in refuted or imitates or not (better or close) or not _stands(found, names):
             continue
         valid.append(names)
         if better:
@@ -85,7 +95,44 @@ def _swaps(found: Search, names: Names) -> None:
 
 
 def _stands(found: Search, names: Names) -> bool:
-    return _separable(found, names) and _physical(found.fitted(names)) and _matters(found, names)
+    return (
+        _separable(found, names)
+        and _physical(found.fitted(names))
+        and _matters(found, names)
+        and _explains(found, names)
+    )
+
+
+def _explains(found: Search, names: Names) -> bool:
+    """Whether the members by themselves explain most of the misfit, and each of them some beside the others.
+
+    A set can earn much by what it lets the lab's errors do, while by its equations alone it makes the battery worse.
+    Of a pack that no lab has seen there is no telling: what its battery is off by is mostly the lab's error.
+    """
+    if not found.base.lab.identified:
+        return True
+    whole, *others = _shares(found, names)
+    return whole > MOST and all(alone > 0.0 for alone in others)
+
+
+def share(found: Search, names: Names) -> float:
+    """Of the misfit's power where a set is felt, what it explains by its equations, no error of the lab bent."""
+    return _shares(found, names)[0]
+
+
+def _shares(found: Search, names: Names) -> list[float]:
+    """That of a set, then what each member explains where it is felt beside the others."""
+    known = np.isfinite(np.concatenate([f.voltage_v for f in found.base.flights]))
+    parts = np.concatenate(_added(found.fitted(names)), axis=1)[:, known]
+    misfit = np.concatenate(found.base.misfits)[known]
+    whole = parts.sum(axis=0)
+
+    def explained(part: Array, beside: Array) -> float:
+        felt = np.abs(part) >= _FELT * np.max(np.abs(part))
+        before, after = (float(np.mean((misfit - v)[felt] ** 2)) for v in (beside, beside + part))
+        return (before - after) / max(before - found.noise.sigma_v**2, 1e-12)
+
+    return [explained(whole, np.zeros_like(whole)), *(explained(part, whole - part) for part in parts)]
 
 
 def _matters(found: Search, names: Names) -> bool:
@@ -124,9 +171,12 @@ def _separable(found: Search, names: Names) -> bool:
 
 def added(fitted: Fitted) -> dict[str, float]:
     """RMS of what each member adds to the pack's voltage over all flights. [V]"""
-    flights = range(len(fitted.joint.flights))
-    parts = np.concatenate([fitted.joint.predicted(fitted.x[None, :], k).members for k in flights], axis=1)
+    parts = np.concatenate(_added(fitted), axis=1)
     return {member.id: float(np.sqrt(np.mean(parts[k] ** 2))) for k, member in enumerate(fitted.joint.members)}
+
+
+def _added(fitted: Fitted) -> list[Array]:
+    return [fitted.joint.predicted(fitted.x[None, :], k).members for k in range(len(fitted.joint.flights))]
 
 
 def _physical(fitted: Fitted) -> bool:

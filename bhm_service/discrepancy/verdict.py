@@ -18,7 +18,7 @@ from bhm_service.discrepancy.selection import LEAST_V, Selection
 from bhm_service.units import Array
 
 SENSORS = frozenset({"current-gain", "current-offset", "voltage-gain", "voltage-offset", "time-skew"})
-_SHIFTED = 3.0  # standard deviations of the lab by which a parameter has moved
+_SHIFTED = 4.5  # standard deviations of the lab by which a parameter has moved: ten nats of what was known before
 _SLOW_S = 15.0  # misfit faster than this is noise
 _REST = 0.4  # of the misfit's RMS: what is left beyond this is said to be left
 _UNKNOWN_LAB = 0.6  # times the lab's voltage error: a slow misfit beyond this is no error of the lab
@@ -49,8 +49,8 @@ def judge(
     floor = found.noise.sigma_v**2 / _SLOW_S
     rest = float(np.sqrt(_power(after, floor) / max(_power(before, floor), 1e-12)))
     coloured = found.noise.averaged_v(_width(courses[0].flight))
-    strange = leftover is not None or _strange(found, after, floor, coloured)
     named = chosen.names
+    strange = leftover is not None or ((bool(named) or beyond_lab(found)) and _strange(found, after, floor, coloured))
     verdict: Verdict
     if named:
         unproven = bool(rivals) and float(np.mean([c.beaten for c in rivals])) < BEATEN
@@ -66,6 +66,13 @@ def judge(
         verdict = "none"
     left = float(np.clip(rest, 0.0, 1.0)) if strange or (named and rest > _REST) else 0.0
     return Judged(verdict, left)
+
+
+def beyond_lab(found: Search) -> bool:
+    """Whether the battery follows the flights less well than those of the lab's recordings that no fit saw."""
+    misfit = np.concatenate(found.base.misfits)
+    lab = found.base.lab
+    return float(np.nanmean(misfit**2)) - found.noise.sigma_v**2 > (lab.series * lab.voltage_error_v) ** 2
 
 
 def slow(misfit: Array, data: FlightData) -> Array:

@@ -39,7 +39,7 @@ class ChargeTransfer(Effect):
 
     bend: Value = parameter(
         "1C / i_0", "1", 0.0, 100.0, "current of one hour's discharge over the lab's exchange current", default=0.0,
-        absent=0.0, prior=(2.0, 1.5), model="circ",
+        absent=0.0, prior=(4.0, 3.0), model="circ",
     )  # fmt: skip
     speed: Value = parameter(
         "s", "1", 0.05, 20.0, "speed of charge transfer over that of the lab", default=1.0, absent=1.0,

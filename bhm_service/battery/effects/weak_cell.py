@@ -25,11 +25,12 @@ class WeakCell(Effect):
     excited_by: ClassVar[str] = "discharge below 20 %"
     mimics: ClassVar[tuple[str, ...]] = ("capacity-fade", "current-gain", "rate-capacity", "resistance-shape")
     manoeuvre: ClassVar[str] = "record cell voltages (BATTERY_STATUS), or hover down to 10 % once"
+    shown_below: ClassVar[float] = 0.4
     state_names: ClassVar[tuple[str, ...]] = ("weak_soc",)
 
     loss: Value = parameter("d", "1", 0.0, 0.9, "capacity that it has lost", absent=0.0, prior=(0.12, 0.06))
     resistance: Value = parameter(
-        "r", "1", 0.0, 10.0, "its ohmic resistance beyond the others'", default=0.0, absent=0.0, prior=(0.3, 0.3)
+        "r", "1", 0.0, 10.0, "its ohmic resistance beyond the others'", default=0.0, absent=0.0, prior=(0.2, 0.2)
     )
 
     def start(self) -> tuple[Value, ...]:
