@@ -116,7 +116,7 @@ def candidates(
 
     Without ``capacity_c`` [C] flights are taken to be as deep as any effect needs.
     """
-    known = _known_drivers(flights)
+    known = known_drivers(flights)
     deepest = min(1.0 - float(f.charge_c[-1]) / capacity_c for f in flights) if capacity_c else 0.0
     found: list[Candidate] = []
     missing: list[NotExcited] = []
@@ -146,7 +146,8 @@ def candidates(
     return found, missing
 
 
-def _known_drivers(flights: Sequence[FlightData]) -> set[str]:
+def known_drivers(flights: Sequence[FlightData]) -> set[str]:
+    """What drives effects and is known of every flight."""
     known = set()
     if all(f.temperature_k is not None for f in flights):
         known.add("temperature")
@@ -175,7 +176,7 @@ def _candidate(
                 continue
             if p.driver is not None:
                 if p.driver in known:
-                    fixed[f"{part.id}.{p.name}"] = [p.si(v) for v in _driver(flights, p.driver)]
+                    fixed[f"{part.id}.{p.name}"] = [p.si(v) for v in driven(flights, p.driver)]
                 continue
             if p.name not in priors:
                 continue
@@ -186,8 +187,8 @@ def _candidate(
     return Candidate(kind.id, parts, tuple(unknowns), fixed, inferred)
 
 
-def _driver(flights: Sequence[FlightData], driver: str) -> list[float]:
-    """What is known of each flight: days in storage, or age as a share of the oldest flight's."""
+def driven(flights: Sequence[FlightData], driver: str) -> list[float]:
+    """What the notes say of each flight: days in storage, or age as a share of the oldest flight's."""
     if driver == "storage":
         return [f.notes.storage_days or 0.0 for f in flights]
     cycles = [f.notes.cycles or 0.0 for f in flights]

@@ -47,8 +47,15 @@ class Scene:
 
     def each(self, name: str) -> Array:
         """A number of every flight, in SI."""
-        found = [getattr(effect_of(self.effect_id, self.values, data, k), name) for k, data in enumerate(self.flights)]
+        found = [
+            getattr(effect_of(self.effect_id, self.values, self.flights, k), name) for k in range(len(self.flights))
+        ]
         return np.array(found, dtype=float)
+
+    def aged(self, name: str) -> Array:
+        """What has come of a change with age at each flight."""
+        settled = self.each("settled")
+        return np.asarray(self.each(name) * (settled + (1.0 - settled) * self.each("age")))
 
     @cached_property
     def ohm(self) -> float:
@@ -140,7 +147,7 @@ def _entropic_voltage(s: Scene) -> str:
 
 
 def _capacity_fade(s: Scene) -> str:
-    left = 1.0 - float(np.max(s.each("fade") * s.each("age")))
+    left = 1.0 - float(np.max(s.aged("fade")))
     return (
         f"the pack holds {100.0 * left:.0f} % of the charge that it held in the lab: "
         f"{left * s.capacity_ah:.3g} Ah in place of {s.capacity_ah:.3g} Ah"
@@ -148,7 +155,7 @@ def _capacity_fade(s: Scene) -> str:
 
 
 def _resistance_growth(s: Scene) -> str:
-    grown = float(np.max(s.each("growth") * s.each("age")))
+    grown = float(np.max(s.aged("growth")))
     if grown < 0.0:
         return f"the pack has {100.0 * -grown:.0f} % less resistance than in the lab"
     return (

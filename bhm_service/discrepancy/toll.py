@@ -9,13 +9,13 @@ import numpy as np
 
 from bhm_service.battery.effects import EFFECTS, Effect
 from bhm_service.battery.pack import PackModel
+from bhm_service.discrepancy.candidate import driven, known_drivers
 from bhm_service.discrepancy.explanation import Course
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.lab import Lab
 from bhm_service.units import Array, Flags, Value
 
 _MINUTE_S = 60.0
-_DRIVEN = {"age": "cycles", "storage": "storage_days"}  # by a number of the flight's notes
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ def tolls(
     """Of every flight; ``values`` in the declared units, those that differ from flight to flight as (flights,)."""
     found = []
     for k, (data, course) in enumerate(zip(flights, courses, strict=True)):
-        effect = effect_of(effect_id, values, data, k)
+        effect = effect_of(effect_id, values, flights, k)
         begun = float(course.soc[0])
         # What starts lower because of the effect would have started higher without it.
         assumed = begun + (begun - float(np.asarray(effect.initial_soc(begun))))
@@ -50,14 +50,14 @@ def tolls(
     return found
 
 
-def effect_of(effect_id: str, values: Mapping[str, Value], data: FlightData, index: int) -> Effect:
-    """The effect in one flight, from values in the declared units."""
+def effect_of(effect_id: str, values: Mapping[str, Value], flights: Sequence[FlightData], index: int) -> Effect:
+    """The effect in one of the flights, from values in the declared units."""
     kind = EFFECTS[effect_id]
     given: dict[str, float] = {}
     for p in kind.parameters():
         told = values.get(p.name)
-        if told is None and p.driver in _DRIVEN:
-            told = getattr(data.notes, _DRIVEN[p.driver])
+        if told is None and p.driver is not None and p.driver in known_drivers(flights):
+            told = driven(flights, p.driver)[index]
         if told is not None:
             row = np.ravel(told)
             given[p.name] = p.si(float(row[index if p.per_flight and row.size > 1 else 0]))

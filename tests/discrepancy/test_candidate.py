@@ -54,3 +54,12 @@ def test_what_is_in_the_battery_already_is_not_tried_again():
     tried, missing = candidates(four("capacity-fade"), "circ", WH, joined=["capacity-fade"])
     assert "capacity-fade" not in {c.id for c in tried}
     assert next(m.because for m in missing if m.id == "capacity-fade") == "is in the battery file already"
+
+
+def test_a_weak_cell_is_looked_for_only_where_a_flight_goes_deep():
+    flights = four("capacity-fade")
+    drawn = max(float(f.charge_c[-1]) for f in flights)
+    for capacity, known in ((drawn / 0.65, True), (drawn / 0.55, False)):
+        tried, missing = candidates(flights, "circ", WH, capacity_c=capacity)
+        assert ("weak-cell" in {c.id for c in tried}) is known
+        assert ("no flight goes below 40% of charge" in {m.because for m in missing}) is not known

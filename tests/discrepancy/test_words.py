@@ -1,4 +1,5 @@
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from bhm_service.discrepancy.findings import EffectFound, Findings, Fit, Region
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.labels import flights_in_words
+from bhm_service.discrepancy.sidecar import Notes
 from bhm_service.discrepancy.steps import Episode, contact_candidate
 from bhm_service.discrepancy.toll import tolls
 from bhm_service.discrepancy.words import effect_in_words, moved_of, region_in_words, sentence, values_of
@@ -70,6 +72,12 @@ def test_temperature_that_no_sensor_told_is_taken_from_what_was_inferred():
     ]  # fmt: skip
     text = effect_in_words("resistance-temperature", {"activation_energy": 22.0}, lab(), bare, hidden)
     assert text == effect_in_words("resistance-temperature", {"activation_energy": 22.0}, lab(), bare, told)
+
+
+def test_what_comes_with_age_is_told_as_it_is_at_the_oldest_flight():
+    aged = [replace(f, notes=Notes(cycles=c)) for f, c in zip(COLD_AND_MILD, (20, 286, 143), strict=True)]
+    assert said("capacity-fade", {"fade": 0.09, "settled": 0.2}, aged).startswith("The pack holds 91 % of the charge")
+    assert "1.5 times the resistance" in said("resistance-growth", {"growth": 0.5, "settled": 0.0}, aged)
 
 
 def test_a_contacts_cost_is_its_resistance_times_the_current():
