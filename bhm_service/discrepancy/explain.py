@@ -26,7 +26,7 @@ from bhm_service.discrepancy.locate import locate, regime_maps, variables
 from bhm_service.discrepancy.patterns import Pattern, telling
 from bhm_service.discrepancy.repair import flying, patched, repaired, retuned
 from bhm_service.discrepancy.search import LEAST_SNR, NATS, NEAR, STRUCTURAL, Names, Progress, Search, needed, search
-from bhm_service.discrepancy.selection import MOST, NOTHING, Selection, select, share
+from bhm_service.discrepancy.selection import MUCH, NOTHING, Selection, select, share
 from bhm_service.discrepancy.significance import familywise
 from bhm_service.discrepancy.words import effect_in_words, moved_of, pattern_in_words, sentence, values_of
 from bhm_service.errors import BadInputError
@@ -170,13 +170,13 @@ def _witnessed(earned: Mapping[str, float]) -> bool:
 def _outweighed(found: Search, chosen: Selection) -> tuple[Selection, Pattern | None]:
     """The selection and the pattern that it leaves; nothing is selected where a pattern tells more than it does.
 
-    What by itself explains most of the misfit stays, with an unexplained rest. What looks like a model's structure
+    What by itself explains much of the misfit stays, with an unexplained rest. What looks like a model's structure
     is no physics of this pack where something without a name does as well.
     """
     left = telling(found.fitted(chosen.names))
     if not chosen.names:
         return chosen, left if verdict.beyond_lab(found) else None
-    if left is not None and left.nats > found.evidence(chosen.names) and share(found, chosen.names) < MOST:
+    if left is not None and left.nats > found.evidence(chosen.names) and share(found, chosen.names) < MUCH:
         return NOTHING, left
     if chosen.names <= STRUCTURAL:
         bare = telling(found.fitted(frozenset()))

@@ -22,6 +22,8 @@ STRUCTURAL = frozenset(
     {"ocv-shape", "resistance-shape", "slow-diffusion", "charge-transfer", "hysteresis", "rate-capacity", "time-skew"}
 )
 _STRUCTURAL_NATS = 30.0
+# What stands beside another effect of temperature is what an inexact equation of that one leaves, more often than not.
+COMPANIONS = frozenset({"core-lag", "entropic-voltage", "cold-capacity"})
 # A course over the charge that is free at every knot follows nearly anything: only where no equation comes near it.
 FREE = frozenset({"ocv-shape", "resistance-shape"})
 _FREE_NATS = 60.0
@@ -31,7 +33,7 @@ _WIDTH, _DEPTH, _EXPANSIONS = 3, 3, 4
 # What a model gets wrong it gets wrong alike in all flights of a kind: they are not independent witnesses of it. And
 # the more it gets wrong in the lab, the more of what it leaves in flight is its own.
 _WITNESSES, _MOST_DOUBT = 1.0 / 3.0, 3.0
-_USUAL_V = 0.006  # [V] of a cell: what a model that follows its cell is off by on recordings that no fit saw
+_USUAL_V = 0.012  # [V] of a cell: what a model that follows its cell is off by on recordings that no fit saw, at most
 _BENT = 3.0  # standard deviations
 _FLAT = 1e-4  # squared standard deviations of noise by one of a prior: no slope at all
 _SUDDEN = 0.2  # of the ohmic drop of a sudden change: what relaxes within a sample no lab at one hertz tells
@@ -45,7 +47,7 @@ def needed(name: str) -> float:
     """What a member has to earn. [nats]"""
     if name in FREE:
         return _FREE_NATS
-    return _STRUCTURAL_NATS if name in STRUCTURAL else NATS
+    return _STRUCTURAL_NATS if name in STRUCTURAL | COMPANIONS else NATS
 
 
 @dataclass(slots=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.fitting import Fitted
-from bhm_service.discrepancy.search import NATS, NEAR, STRUCTURAL, Names, Search, needed
+from bhm_service.discrepancy.search import COMPANIONS, NATS, NEAR, STRUCTURAL, Names, Search, needed
 from bhm_service.units import Array
 
 _CLAIM_NATS = 15.0  # for anything to be said at all: one wrong story in a hundred fleets is too many
@@ -19,12 +19,11 @@ LEAST_V = 0.001  # [V] of a cell: what adds less than this to the voltage change
 _STRUCTURAL_V = 0.004  # [V] of a cell: the same for what looks like an error of the model's structure
 _BEYOND = 2.0  # times what the lab leaves open, which bends every curve: less is no other shape
 _LEAST = dict.fromkeys(STRUCTURAL - {"time-skew"}, _STRUCTURAL_V)  # a skew shows at steps only
-MOST = 0.5  # of the misfit's power: what explains less of it by itself is not the explanation
+MUCH = 0.4  # of the misfit's power: what explains less of it by itself is not the explanation
 _FELT = 0.1  # of what an effect adds at most
 _REACH = 0.995  # of the way to a bound of what is physical
 # The commoner first: what stands beside another cause, or is an error of a model's structure, comes last.
-_SECOND = STRUCTURAL | {"core-lag", "entropic-voltage", "cold-capacity"}
-_ORDER = {name: place for place, name in enumerate(sorted(EFFECTS, key=lambda name: name in _SECOND))}
+_ORDER = {name: place for place, name in enumerate(sorted(EFFECTS, key=lambda name: name in STRUCTURAL | COMPANIONS))}
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +103,7 @@ def _stands(found: Search, names: Names) -> bool:
 
 
 def _explains(found: Search, names: Names) -> bool:
-    """Whether the members by themselves explain most of the misfit, and each of them some beside the others.
+    """Whether the members by themselves explain much of the misfit, and each of them some beside the others.
 
     A set can earn much by what it lets the lab's errors do, while by its equations alone it makes the battery worse.
     Of a pack that no lab has seen there is no telling: what its battery is off by is mostly the lab's error.
@@ -112,7 +111,7 @@ def _explains(found: Search, names: Names) -> bool:
     if not found.base.lab.identified:
         return True
     whole, *others = _shares(found, names)
-    return whole > MOST and all(alone > 0.0 for alone in others)
+    return whole > MUCH and all(alone > 0.0 for alone in others)
 
 
 def share(found: Search, names: Names) -> float:

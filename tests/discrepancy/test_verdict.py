@@ -29,7 +29,7 @@ def test_flights_are_beyond_the_lab_when_they_are_off_by_more_than_its_unseen_re
     assert not beyond_lab(of_lab(found, 1.1 * cell))
 
 
-@pytest.mark.parametrize(("volts", "times"), [(0.004, 1.0), (0.012, 2.0), (0.1, 3.0)])
+@pytest.mark.parametrize(("volts", "times"), [(0.010, 1.0), (0.024, 2.0), (0.1, 3.0)])
 def test_flights_of_a_pack_that_its_model_follows_poorly_in_the_lab_are_weaker_witnesses(volts, times):
     found = searching(four("resistance-growth"), {"resistance-growth"})
     good, poor = (of_lab(found, v) for v in (0.003, volts))
