@@ -12,7 +12,7 @@ from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.search import COMPANIONS, NATS, NEAR, STRUCTURAL, Names, Search, needed
 from bhm_service.units import Array
 
-_CLAIM_NATS = 15.0  # for anything to be said at all: one wrong story in a hundred fleets is too many
+_CLAIM_NATS = 20.0  # for anything to be said at all: one wrong story in a hundred fleets is too many
 _RIVALS = 6  # beside its mimics that a member of a set is held against
 _RIVALRIES = 3  # times that the chosen set's members are held against their mimics, at most
 LEAST_V = 0.001  # [V] of a cell: what adds less than this to the voltage changes nothing that anybody flies by

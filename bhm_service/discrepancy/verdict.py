@@ -21,7 +21,7 @@ SENSORS = frozenset({"current-gain", "current-offset", "voltage-gain", "voltage-
 _SHIFTED = 4.5  # standard deviations of the lab by which a parameter has moved: ten nats of what was known before
 _SLOW_S = 15.0  # misfit faster than this is noise
 _REST = 0.4  # of the misfit's RMS: what is left beyond this is said to be left
-_UNKNOWN_LAB = 0.6  # times the lab's voltage error: a slow misfit beyond this is no error of the lab
+_LONE_LAB = 0.6  # times the lab's voltage error: a misfit that only some flights have is no error of the lab from here
 _COLOURED_V = 0.005  # [V] of a cell: the most that a sensor may wander by itself
 _UNLIKE = 3.0  # times the usual flight: a misfit that only some flights have
 _FEWEST_VISIBLE = 3  # effects that recordings must be able to show before their silence says anything
@@ -97,10 +97,9 @@ def _strange(found: Search, after: Sequence[Array], floor: float, coloured_v: fl
     left = np.sqrt(np.maximum([np.mean(a**2) - floor for a in after], 0.0))
     usual = max(float(np.median(left)), 0.5 * LEAST_V * series)
     worst = float(left.max())
-    lab = np.hypot(_UNKNOWN_LAB * found.base.lab.voltage_error_v * series, min(coloured_v, _COLOURED_V * series))
-    return bool(
-        worst > max(lab, 2.0 * LEAST_V * series) or (worst > _UNLIKE * usual and worst > 2.0 * LEAST_V * series)
-    )
+    known = found.base.lab.voltage_error_v * series
+    lab = max(np.hypot(known, min(coloured_v, _COLOURED_V * series)), 2.0 * LEAST_V * series)
+    return bool(worst > lab or worst > max(_UNLIKE * usual, _LONE_LAB * known, 2.0 * LEAST_V * series))
 
 
 def _moved(found: Search, fitted: Fitted) -> bool:
