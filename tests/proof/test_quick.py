@@ -6,8 +6,9 @@ from sim.proof.run import Request, prove
 from sim.proof.scoring.score import FALSE_ALARMS, PRECISION
 
 SEED, CASES = 4, 6
-# "tool" from the day that bhm explain passes this in two minutes. On 2026-11-21 it took about a minute of processor
-# time a case, and claimed something on both of the nulls that it was shown; until then the harness examines itself.
+# "tool" from the day that bhm explain passes this in two minutes. On 2026-11-22 it took 2:15 on two cores, claimed
+# nothing on the three nulls, and found neither of the two effects, which are of SNR 5 to 15; until then the harness
+# examines itself.
 ANSWERER = "oracle"
 
 
