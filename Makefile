@@ -9,9 +9,10 @@ BIN := $(VENV)/bin
 run: $(VENV)/.ready
 	@$(BIN)/python -m sim.demo
 
-# worksteal: neighbours stay on one core, and what they share is made once.
+# worksteal: neighbours stay on one core, and what they share is made once. One worker for each core: threads of
+# its linear algebra would fight with the other's.
 test: $(VENV)/.ready-dev check
-	$(BIN)/pytest -n auto --dist worksteal
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist worksteal
 
 check: $(VENV)/.ready-dev
 	$(BIN)/ruff check --quiet
