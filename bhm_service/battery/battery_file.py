@@ -25,6 +25,7 @@ from bhm_service.config import checked, read_toml
 from bhm_service.errors import BadInputError
 
 ModelName = Literal["circ", "chem"]
+MODELS: tuple[ModelName, ...] = ("circ", "chem")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -25,11 +25,22 @@ class Witness:
     candidates: Sequence[Candidate]
     base: Joint
     _bare: Fitted | None = field(default=None)
+    _searches: dict[Names, Search] = field(default_factory=dict)
 
     def earned(self, names: Names) -> dict[str, float]:
         """Evidence that each member of a set adds to the others, by this model. [nats]"""
-        if not names:
-            return {}
+        return self._search(names).earned(names) if names else {}
+
+    def fitted(self, names: Names) -> Fitted:
+        """The set with this model, with the sizes that its members have by it."""
+        return self._search(names).fitted(names)
+
+    def _search(self, names: Names) -> Search:
+        if names not in self._searches:
+            self._searches[names] = self._searched(names)
+        return self._searches[names]
+
+    def _searched(self, names: Names) -> Search:
         members = tuple(c for c in self.candidates if c.id in names)
         if self._bare is None:
             self._bare = fit(self.base, Noise(0.98, 0.8, self.lab.series * 0.002))
@@ -40,7 +51,7 @@ class Witness:
         lab = self.lab.widened(lambda name: pulls[first.joint.places[name]])
         found = Search(replace(self.base, lab=lab), members, noise)
         found.fitted(names, first)
-        return found.earned(names)
+        return found
 
 
 def witness(lab: Lab, flights: Joint, candidates: Sequence[Candidate]) -> Witness:

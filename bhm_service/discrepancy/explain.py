@@ -88,7 +88,8 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
     findings = _findings(found, chosen, fitted, courses, proof, rivals, p_values, judged)
     battery = None
     if chosen.names:
-        battery = repaired(request.battery, fitted, f"repaired by bhm explain: {', '.join(sorted(chosen.names))}")
+        fits = [fitted] if second is None else [fitted, second.fitted(chosen.names)]
+        battery = repaired(request.battery, fits, f"repaired by bhm explain: {', '.join(sorted(chosen.names))}")
     elif judged.verdict == "parameter":
         battery = retuned(request.battery, fitted)
     elif judged.verdict == "unknown":

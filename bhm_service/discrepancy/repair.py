@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from bhm_service.battery.battery_file import BatteryFile, Joined
+from bhm_service.battery.battery_file import MODELS, BatteryFile, Joined, ModelName
 from bhm_service.battery.effects import Effect
 from bhm_service.battery.pack import PackModel
 from bhm_service.battery.parameters import parameters_of
@@ -20,22 +21,32 @@ RESERVE_SOC = 0.2
 _CUTOFF_V = 3.2  # [V] of a cell
 
 
-def repaired(battery: BatteryFile, fitted: Fitted, source: str) -> BatteryFile | None:
+def repaired(battery: BatteryFile, fits: Sequence[Fitted], source: str) -> BatteryFile | None:
     """The battery with the members' effects joined; None where a file can hold none of them.
 
+    ``fits`` has one of each cell model that the effects are to join: a model without them would go on as if nothing
+    had been found, and the flying time is told by both. Each model has the sizes that the flights show with it.
     What differs from flight to flight stays out of the file: a start that is not full, times of a bad contact.
     """
     joined = list(battery.joined)
-    for member in fitted.joint.members:
-        for key, kind in member.parts:
-            found = _joined(fitted, member, key, kind)
-            if found is not None:
-                joined = [j for j in joined if j.effect.id != found.effect.id] + [found]
+    for fitted in fits:
+        model = fitted.joint.lab.model
+        for member in fitted.joint.members:
+            for key, kind in member.parts:
+                found = _joined(fitted, member, key, kind)
+                if found is not None:
+                    joined = [kept for j in joined for kept in _without(j, found.effect.id, model)]
+                    joined.append(replace(found, model=model))
     if joined == list(battery.joined):
         return None
-    model = fitted.joint.lab.model
-    only = tuple(replace(j, model=model) if j not in battery.joined else j for j in joined)
-    return replace(battery, joined=only, source=f"{battery.source}; {source}".lstrip("; "))
+    return replace(battery, joined=tuple(joined), source=f"{battery.source}; {source}".lstrip("; "))
+
+
+def _without(joined: Joined, name: str, model: ModelName) -> list[Joined]:
+    """What stays of an entry where an effect of that name joins a model: all of it, its half for the other, nothing."""
+    if joined.effect.id != name or joined.model not in (None, model):
+        return [joined]
+    return [replace(joined, model=other) for other in MODELS if joined.model is None and other != model]
 
 
 def _joined(fitted: Fitted, member: Candidate, key: str, kind: type[Effect]) -> Joined | None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from bhm_service.battery.battery_file import MODELS, read_battery
 from bhm_service.cli import main
 from bhm_service.discrepancy.findings import read_findings
 
@@ -78,3 +79,7 @@ def test_the_case_is_named_right(case, battery, tmp_path):
     assert missed(truth, found) == ([], [])
     if named:
         assert found.fit.heldout_after_V < found.fit.heldout_before_V
+    if named and found.battery_file is not None:
+        new = read_battery(tmp_path / found.battery_file).joined
+        circ, chem = ({j.effect.id for j in new if j.model == model} for model in MODELS)
+        assert circ & named == chem & named != set()  # flying time is told by both models together

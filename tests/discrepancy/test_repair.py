@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from discrepancy.flown import BATTERY, SERIES, SIZES, base, four, noise_model, with_members
 
-from bhm_service.battery.battery_file import read_battery, write_battery
+from bhm_service.battery.battery_file import Joined, read_battery, write_battery
+from bhm_service.battery.effects import EFFECTS
 from bhm_service.battery.pack import PackModel
 from bhm_service.discrepancy.fitting import fit
 from bhm_service.discrepancy.repair import flying, patched, repaired, retuned
@@ -28,7 +31,7 @@ def error(battery, model, flights):
 
 def mended(name, model, folder):
     """A battery file repaired from four flights, written and read; the flights it was not made from."""
-    battery = repaired(BATTERY, fit(with_members(four(name, model), {name}, model), NOISE), "a test")
+    battery = repaired(BATTERY, [fit(with_members(four(name, model), {name}, model), NOISE)], "a test")
     write_battery(folder / "battery.toml", battery)
     return read_battery(folder / "battery.toml")
 
@@ -65,13 +68,34 @@ def test_the_filter_runs_it_and_keeps_nearer_to_the_charge(tmp_path):
 
 def test_what_differs_between_flights_is_nothing_that_a_file_could_hold():
     fitted = fit(with_members(four("partial-charge"), {"partial-charge"}), NOISE)
-    assert repaired(BATTERY, fitted, "a test") is None
+    assert repaired(BATTERY, [fitted], "a test") is None
 
 
 def test_repairing_twice_replaces_what_was_there(tmp_path):
     once = mended("resistance-growth", "circ", tmp_path)
-    again = repaired(once, fit(with_members(four("resistance-growth", seed=1), {"resistance-growth"}), NOISE), "b")
+    again = repaired(once, [fit(with_members(four("resistance-growth", seed=1), {"resistance-growth"}), NOISE)], "b")
     assert [j.effect.id for j in again.joined] == ["resistance-growth"]
+
+
+def test_both_models_are_mended_each_with_its_own_size(tmp_path):
+    fits = [fit(with_members(four("capacity-fade", m), {"capacity-fade"}, m), NOISE) for m in ("circ", "chem")]
+    battery = repaired(BATTERY, fits, "a test")
+    assert [j.model for j in battery.joined] == ["circ", "chem"]
+    write_battery(tmp_path / "battery.toml", battery)
+    back = read_battery(tmp_path / "battery.toml")
+    for model in ("circ", "chem"):
+        new = four("capacity-fade", model, seed=9)
+        assert error(back, model, new) < 0.25 * error(BATTERY, model, new)
+
+
+def test_repairing_one_model_leaves_the_other_as_it_was():
+    shared = replace(BATTERY, joined=(Joined(effect=EFFECTS["resistance-growth"](growth=0.5)),))
+    fitted = fit(with_members(four("resistance-growth"), {"resistance-growth"}), NOISE)
+    battery = repaired(shared, [fitted], "a test")
+    (kept,) = battery.effects("chem")
+    (new,) = battery.effects("circ")
+    assert kept.growth == 0.5
+    assert new.growth != 0.5
 
 
 def test_a_moved_parameter_is_put_into_the_cell_itself():
