@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 Array: TypeAlias = NDArray[np.float64]
 Flags: TypeAlias = NDArray[np.bool_]
+Places: TypeAlias = NDArray[np.intp]
 Value: TypeAlias = float | Array
 """A number, or an array of numbers that broadcasts: samples, flights and columns go through one call."""
 

@@ -7,6 +7,7 @@ samples over one interval, with `Course` it runs along a whole recording without
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
@@ -66,7 +67,7 @@ class Step:
 class Course:
     """All intervals of a recording at once.
 
-    ``dt`` has shape (T,) [s]; starts have shape (..., 1) or are numbers, everything else (..., T).
+    ``dt`` has shape (..., T) [s]; starts have shape (..., 1) or are numbers, everything else (..., T).
     """
 
     __slots__ = ("dt",)
@@ -86,10 +87,64 @@ class Course:
     def begin(self, start: Value, ends: Value) -> Array:
         ends = np.asarray(ends)
         shape = np.broadcast_shapes(ends.shape[:-1], np.shape(start)[:-1])
-        shifted = np.empty((*shape, self.dt.size))
+        shifted = np.empty((*shape, self.dt.shape[-1]))
         shifted[..., :1] = start
         shifted[..., 1:] = ends[..., :-1]
         return shifted
+
+
+class Follower:
+    """A lag of one time constant from zero along a recording, made once and asked often; as `Course.lag`.
+
+    ``dt`` has shape (..., T) [s], the series that it follows (..., T + 1).
+    """
+
+    __slots__ = ("_begin", "_blocks", "_end", "_ratio")
+
+    def __init__(self, dt: Array, tau: float) -> None:
+        self._ratio = np.minimum(dt / tau, _FORGOTTEN)
+        keep, trail = np.exp(-dt / tau), _trail(dt / tau)
+        self._begin, self._end = np.asarray(trail - keep), np.asarray(1.0 - trail)
+        self._blocks: list[tuple[slice, Array, Array]] | None = None
+        elapsed = np.cumsum(self._ratio, axis=-1)
+        edges = _edges(self._ratio, elapsed, elapsed.size)
+        if edges is not None:
+            self._blocks = []
+            for low, high in pairwise(edges):
+                before = elapsed[..., low : low + 1] - self._ratio[..., low : low + 1]
+                growth = np.exp(elapsed[..., low:high] - before)
+                self._blocks.append((slice(low, high), growth, 1.0 / growth))
+
+    def __call__(self, series: Array) -> Array:
+        """What follows it, at every sample (..., T + 1)."""
+        gain = series[..., 1:] * self._end
+        gain += series[..., :-1] * self._begin
+        found = np.zeros(np.broadcast_shapes(series.shape, (*self._ratio.shape[:-1], series.shape[-1])))
+        if self._blocks is None:
+            found[..., 1:] = recurrence(self._ratio, gain, 0.0)
+            return found
+        ends = found[..., 1:]
+        start: Value = 0.0
+        for where, growth, shrink in self._blocks:
+            sums = np.cumsum(gain[..., where] * growth, axis=-1)
+            sums += start
+            np.multiply(sums, shrink, out=ends[..., where])
+            start = ends[..., where.stop - 1 : where.stop]
+        return found
+
+
+def _edges(ratio: Array, elapsed: Array, size: int) -> list[int] | None:
+    """Where the blocks of a recurrence of ``size`` numbers begin, and its end; None where there would be too many."""
+    length, total = ratio.shape[-1], float(elapsed.max(initial=0.0))
+    if total <= _BLOCK_DECAY:
+        return [0, length]
+    # Recordings side by side do not decay at the same time: each block is short enough for all of them.
+    fastest = elapsed if ratio.ndim == 1 else np.cumsum(ratio.max(axis=tuple(range(ratio.ndim - 1))))
+    total = float(fastest[-1])
+    if total / _BLOCK_DECAY > size / _ROWS_PER_BLOCK:
+        return None
+    starts = np.unique(np.searchsorted(fastest, np.arange(0.0, total, 0.5 * _BLOCK_DECAY), side="left"))
+    return [*map(int, starts), length]
 
 
 def _trail(ratio: Value) -> Value:
@@ -118,16 +173,14 @@ def recurrence(ratio: Value, gain: Array, start: Value) -> Array:
     if gain.shape[-1] == 0:
         return gain
     elapsed = np.cumsum(ratio, axis=-1)
-    total = float(elapsed.max())
-    if total <= _BLOCK_DECAY:
-        return _block(elapsed, gain, start)
     ratio = np.asarray(ratio)
-    if total / _BLOCK_DECAY > gain.size / _ROWS_PER_BLOCK:
+    edges = _edges(ratio, elapsed, gain.size)
+    if edges is None:
         return _bidiagonal(ratio, gain, start)
-    slowest = elapsed if elapsed.ndim == 1 else elapsed.max(axis=tuple(range(elapsed.ndim - 1)))
-    edges = np.unique(np.searchsorted(slowest, np.arange(0.0, total, 0.5 * _BLOCK_DECAY), side="left"))
+    if len(edges) == 2:
+        return _block(elapsed, gain, start)
     result = np.empty(np.broadcast_shapes(gain.shape, (*np.shape(start)[:-1], 1)))
-    for low, high in zip(edges, [*edges[1:], gain.shape[-1]], strict=True):
+    for low, high in pairwise(edges):
         before = elapsed[..., low : low + 1] - ratio[..., low : low + 1]
         block = _block(elapsed[..., low:high] - before, gain[..., low:high], start)
         result[..., low:high] = block

@@ -267,36 +267,37 @@ class PackModel:
 
         Parameters
         ----------
-        time_s : array (T,)          rising. [s]
-        current_a : array (T,)       measured pack current, straight between samples. [A]
+        time_s : array (..., T)      not falling. [s]
+        current_a : array (..., T)   measured pack current, straight between samples. [A]
         soc : float or array (..., 1)   state of charge assumed at the first sample.
-        temperature_k : array (T,) or None   of the pack. [K]
+        temperature_k : array (..., T) or None   of the pack. [K]
 
         Parameters of the cell and of the effects may carry leading axes as well, then with a last axis of one.
         """
         start = self.start(soc)
-        dt, begin, end = np.diff(time_s), current_a[:-1], current_a[1:]
+        dt, begin, end = np.diff(time_s), current_a[..., :-1], current_a[..., 1:]
         temperature = None if temperature_k is None else temperature_k[..., 1:]
         if self._feedback:
             ends = self._swept(dt, start, begin, end, temperature)
         else:
             ends = self._advance(Course(dt), start, start, begin, end, temperature)
-        states = tuple(_from_start(s, e, time_s.size) for s, e in zip(start, ends, strict=True))
+        states = tuple(_from_start(s, e, time_s.shape[-1]) for s, e in zip(start, ends, strict=True))
         voltage = np.asarray(self._voltage(states, current_a, temperature_k))
         known = self._known(states, temperature_k)
         return Simulation(voltage=voltage, soc=states[0], temperature=known, states=states)
 
     def _swept(self, dt: Array, start: States, begin: Array, end: Array, temperature: Array | None) -> States:
         """States at the ends of all intervals where they act on what moves them, window by window."""
-        elapsed = np.cumsum(dt)
+        longest = dt.max(axis=tuple(range(dt.ndim - 1)))
+        elapsed = np.cumsum(longest)
         pieces: list[States] = []
         low, width = 0, _WINDOW_S
-        while low < dt.size:
-            since = elapsed[low] - dt[low]
+        while low < elapsed.size:
+            since = elapsed[low] - longest[low]
             high = max(int(np.searchsorted(elapsed, since + width, side="right")), low + 1)
             window = slice(low, high)
             known = None if temperature is None else temperature[..., window]
-            ends, sweeps = self._settled(Course(dt[window]), start, begin[..., window], end[..., window], known)
+            ends, sweeps = self._settled(Course(dt[..., window]), start, begin[..., window], end[..., window], known)
             if sweeps > _MOST_SWEEPS and high - low > 1:
                 width *= 0.5
                 continue

@@ -12,7 +12,7 @@ from bhm_service.battery.effects import EFFECTS, Effect
 from bhm_service.battery.parameters import Parameter
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.identification.unknowns import Block, numbers
-from bhm_service.units import Array
+from bhm_service.units import Array, Places
 
 _STEPS = "intermittent-contact"
 _STARTS = ("partial-charge", "self-discharge")
@@ -84,15 +84,16 @@ class Candidate:
         """The unknowns that make it vanish."""
         return [u for u in self.unknowns if u.declared.absent is not None]
 
-    def effects(self, values: Mapping[str, Array], flight: int) -> list[Effect]:
-        """Its effects in one flight; ``values`` are blocks (M, size)."""
+    def effects(self, values: Mapping[str, Array], flights: int | Places) -> list[Effect]:
+        """Its effects in one flight or in F of them, numbers (M, F, 1); ``values`` are blocks (M, size)."""
         given: dict[str, dict[str, object]] = {key: {} for key, _ in self.parts}
+        at = np.atleast_1d(flights)
         for u in self.unknowns:
-            column = values[u.name][:, flight : flight + 1] if u.per_flight else values[u.name]
-            given[u.effect][u.declared.name] = column * u.declared.scale
+            own = values[u.name][:, at] if u.per_flight else values[u.name]
+            given[u.effect][u.declared.name] = own[:, :, None] * u.declared.scale
         for key, per_flight in self.fixed.items():
             effect, name = key.rsplit(".", 1)
-            given[effect][name] = per_flight[flight]
+            given[effect][name] = np.asarray(per_flight, dtype=float)[at][:, None]
         return [kind(**given[key]) for key, kind in self.parts]
 
 

@@ -189,17 +189,14 @@ def _outweighed(found: Search, chosen: Selection) -> tuple[Selection, Pattern | 
 def courses_of(base: Joint, fitted: Fitted) -> list[Course]:
     """Every flight by the battery as it is and by the explanation; hidden states with their spread."""
     joint = fitted.joint
-    bare = base.unknowns.start
     draws = _draws(fitted)
     inferred = any("temperature" in kind.supplies for c in joint.members for _, kind in c.parts)
     found = []
-    for k, data in enumerate(joint.flights):
-        before = base.predicted(bare[None, :], k).voltage[0]
-        after = joint.predicted(fitted.x[None, :], k)
+    everywhere = zip(joint.flights, base.expected_v, joint.all_predicted(fitted.x[None, :]), strict=True)
+    for k, (data, before, after) in enumerate(everywhere):
         states: dict[str, tuple[Array, Array]] = {}
         if inferred:
-            kelvin = joint.simulated(draws, k).temperature
-            rows = np.broadcast_to(kelvin, (draws.shape[0], data.time_s.size))
+            rows = joint.temperature(draws, k)
             states["temperature"] = (rows[0], rows[1:].std(axis=0))
         found.append(Course(data, before, after.voltage[0], after.soc, states))
     return found

@@ -24,7 +24,7 @@ _CELL_V = (2.3, 4.45)
 _CHARGED_V = 3.3  # of a cell that anybody takes off with
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FlightData:
     """One discharge of one pack: a log, or a log's part between changes of pack."""
 

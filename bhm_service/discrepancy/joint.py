@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bhm_service.battery.effects.base import Effect
 from bhm_service.battery.pack import PackModel, Simulation
+from bhm_service.discrepancy.abreast import Abreast, abreast
 from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.flights import FlightData
-from bhm_service.discrepancy.lab import BEND_SOC, Lab, LabError, hats, lagging
+from bhm_service.discrepancy.lab import BEND_SOC, Lab, LabError, hats
 from bhm_service.discrepancy.noise import Noise
 from bhm_service.identification.unknowns import Block, Unknowns, joined, numbers
-from bhm_service.units import Array, Flags
+from bhm_service.units import Array, Flags, Places
 
 # Of the state of charge at the start: charged full, by a gauge, and of a pack that nobody identified.
 FULL_SD, GAUGE_SD, GENERIC_SD = 0.01, 0.02, 0.08
@@ -25,8 +24,6 @@ _STEP = 1e-3  # of finite differences, in standard deviations of what was known 
 _STARTS = "start_soc"
 _PACKS = "pack_resistance"
 _PACKS_SD = 0.1  # of the logarithm: packs of one kind that nobody identified, from flight to flight
-
-Places: TypeAlias = NDArray[np.intp]
 
 # No equation of the catalogue is exact. What a member adds to the voltage may be off by these shares: from flight to
 # flight, over the state of charge, in how it grows with the load, and in how fast it follows it. A second effect has
@@ -47,6 +44,25 @@ class Predicted:
     members: Array  # [V] what each member adds to the voltage (members, T)
     places: Places  # which numbers of the vector only add to the voltage
     added: Array  # [V] what one of each of them adds (numbers, T)
+
+
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """The same of F flights side by side."""
+
+    voltage: Array  # (M, F, T)
+    rested: Array | None  # (M, F), of all where any has it
+    soc: Array  # (F, T)
+    members: Array  # (members, F, T)
+    places: Places  # (F, numbers)
+    added: Array  # (numbers, F, T)
+
+    def of(self, row: int, data: FlightData) -> Predicted:
+        """One of the flights."""
+        size = data.time_s.size
+        rested = None if self.rested is None or data.notes.rest_voltage_v is None else self.rested[:, row : row + 1]
+        voltage, members, added = (part[:, row, :size] for part in (self.voltage, self.members, self.added))
+        return Predicted(voltage, rested, self.soc[row, :size], members, self.places[row], added)
 
 
 @dataclass(frozen=True)
@@ -74,8 +90,13 @@ class Joint:
     @cached_property
     def _adding(self) -> frozenset[str]:
         """Blocks that only add to the voltage: their derivatives need no run."""
+        return frozenset(self._adding_names)
+
+    @cached_property
+    def _adding_names(self) -> list[str]:
+        """The same in the order of what they add."""
         forms = [b.name for c in self.members for b in self._form_blocks(c.id)]
-        return frozenset([b.name for b in self.lab.additions()] + forms)
+        return [b.name for b in self.lab.additions()] + forms
 
     def _form_blocks(self, name: str) -> list[Block]:
         return [
@@ -97,34 +118,40 @@ class Joint:
         return frozenset({_STARTS, _PACKS} | own | {f"form_flight.{c.id}" for c in self.members})
 
     @cached_property
-    def _columns(self) -> list[Places]:
-        """For each flight, the numbers of the vector that a run of it depends on."""
-        return [
-            np.concatenate([self._of(b, k) for b in self.unknowns.blocks if b.name not in self._adding])
-            for k in range(len(self.flights))
-        ]
+    def _columns(self) -> Places:
+        """For each flight, the numbers of the vector that a run of it depends on; (flights, numbers)."""
+        return self._of([b.name for b in self.unknowns.blocks if b.name not in self._adding])
 
     @cached_property
-    def _additions(self) -> list[Places]:
+    def _additions(self) -> Places:
         """For each flight, the numbers of the vector that only add to its voltage, in the order of their shapes."""
-        blocks = [*self.lab.additions(), *(b for c in self.members for b in self._form_blocks(c.id))]
-        return [np.concatenate([self._of(b, k) for b in blocks]) for k in range(len(self.flights))]
+        return self._of(self._adding_names)
 
-    def _of(self, block: Block, flight: int) -> Places:
-        return self._of_name(block.name, flight)
+    @cached_property
+    def _own(self) -> list[tuple[Places, Places]]:
+        """For each member, the numbers of its effects and of its form, flight by flight; (flights, numbers) each."""
+        return [
+            (self._of([u.name for u in c.unknowns]), self._of([b.name for b in self._form_blocks(c.id)]))
+            for c in self.members
+        ]
 
-    def _of_name(self, name: str, flight: int) -> Places:
-        where = np.arange(self.places[name].start, self.places[name].stop)
-        return where[flight : flight + 1] if name in self.per_flight else where
+    def _of(self, names: list[str]) -> Places:
+        """Where some blocks stand, flight by flight: of those that hold a number for each only its own."""
+        count = len(self.flights)
+        found = [np.zeros((count, 0), dtype=np.intp)]
+        for name in names:
+            where = np.arange(self.places[name].start, self.places[name].stop)
+            found.append(where[:, None] if name in self.per_flight else np.tile(where, (count, 1)))
+        return np.concatenate(found, axis=1)
 
     @cached_property
     def places(self) -> dict[str, slice]:
         """Where each block stands in the vector."""
-        return {b.name: self.unknowns.slice_of(b.name) for b in self.unknowns.blocks}
-
-    @cached_property
-    def _followed(self) -> list[Array]:
-        return [self.lab.followed(f.time_s, f.current_a) for f in self.flights]
+        found, begin = {}, 0
+        for block in self.unknowns.blocks:
+            found[block.name] = slice(begin, begin + block.size)
+            begin += block.size
+        return found
 
     @cached_property
     def scale(self) -> Array:
@@ -135,24 +162,27 @@ class Joint:
         """Blocks of vectors (M, n) by name, each (M, size), in their own units."""
         return {b.name: b.outer(x[:, self.places[b.name]]) for b in self.unknowns.blocks}
 
-    def effects(self, x: Array, flight: int) -> list[Effect]:
-        """All effects of one flight for vectors (M, n)."""
+    def _pack(self, x: Array, flights: Places) -> PackModel:
+        """The pack of some flights for vectors (M, n); its numbers are (M, flights, 1)."""
         values = self.values(x)
-        return [
-            *self.lab.effects,
-            LabError(values, values[_PACKS][:, flight : flight + 1] if _PACKS in values else 0.0),
-            *(e for c in self.members for e in c.effects(values, flight)),
-        ]
+        packs = values[_PACKS][:, flights, None] if _PACKS in values else 0.0
+        lab = {b.name: values[b.name][:, :, None] for b in self.lab.blocks()}
+        members = [e for c in self.members for e in c.effects(values, flights)]
+        effects = [*self.lab.effects, LabError(lab, packs), *members]
+        return PackModel(self.lab.cell, self.lab.series, self.lab.parallel, effects)
 
-    def pack(self, x: Array, flight: int) -> PackModel:
-        """The pack of one flight for vectors (M, n)."""
-        return PackModel(self.lab.cell, self.lab.series, self.lab.parallel, self.effects(x, flight))
+    def _simulated(self, x: Array, group: Abreast, pack: PackModel) -> Simulation:
+        start = x[:, self.places[_STARTS]][:, group.places, None]
+        return pack.simulate(group.time_s, group.current_a, start, group.temperature_k)
 
-    def simulated(self, x: Array, flight: int, pack: PackModel | None = None) -> Simulation:
-        """One flight for vectors (M, n)."""
-        data = self.flights[flight]
-        start = x[:, self.places[_STARTS]][:, flight : flight + 1]
-        return (pack or self.pack(x, flight)).simulate(data.time_s, data.current_a, start, data.temperature_k)
+    def temperature(self, x: Array, flight: int) -> Array:
+        """Temperature of the pack [K] along one flight for vectors (M, n): measured, or as the members have it."""
+        group = self._single(flight)
+        kelvin = self._simulated(x, group, self._pack(x, group.places)).temperature
+        return np.broadcast_to(kelvin, (x.shape[0], 1, self.flights[flight].time_s.size))[:, 0]
+
+    def _single(self, flight: int) -> Abreast:
+        return Abreast(np.array([flight]), (self.flights[flight],))
 
     def without(self, x: Array) -> Array:
         """For each member, a vector with its effect taken away; (members, n)."""
@@ -166,8 +196,12 @@ class Joint:
     @cached_property
     def misfits(self) -> list[Array]:
         """What every flight's voltage is off by [V] under what was known before; nan where none was read."""
-        bare = self.unknowns.start[None, :]
-        return [f.voltage_v - self.predicted(bare, k).voltage[0] for k, f in enumerate(self.flights)]
+        return [f.voltage_v - volts for f, volts in zip(self.flights, self.expected_v, strict=True)]
+
+    @cached_property
+    def expected_v(self) -> list[Array]:
+        """Voltage of every flight [V] under what was known before."""
+        return [modelled.voltage[0] for modelled in self.all_predicted(self.unknowns.start[None, :])]
 
     def predicted(self, points: Array, flight: int, forms: bool = True) -> Predicted:
         """One flight's voltages for vectors (M, n), and the voltage rested after it where the sidecar has one.
@@ -175,39 +209,51 @@ class Joint:
         What only adds is taken along the first vector's charge: the others differ from it by steps of differences.
         Without ``forms`` the members are taken by their equations alone.
         """
-        data = self.flights[flight]
+        return self._run(points, self._single(flight), forms).of(0, self.flights[flight])
+
+    def all_predicted(self, points: Array) -> list[Predicted]:
+        """The same of every flight."""
+        found: dict[int, Predicted] = {}
+        for group in abreast(self.flights):
+            run = self._run(points, group)
+            found |= {int(k): run.of(row, self.flights[k]) for row, k in enumerate(group.places)}
+        return [found[k] for k in range(len(self.flights))]
+
+    def _run(self, points: Array, group: Abreast, forms: bool = True) -> _Run:
         everything = np.vstack([points, self.without(points[0])])
-        pack = self.pack(everything, flight)
-        run = self.simulated(everything, flight, pack)
-        wide = np.broadcast_to(run.voltage, (everything.shape[0], data.time_s.size))
+        pack = self._pack(everything, group.places)
+        run = self._simulated(everything, group, pack)
+        wide = np.broadcast_to(run.voltage, (everything.shape[0], *group.time_s.shape))
         soc = np.broadcast_to(run.soc, wide.shape)[0]
         members = wide[0] - wide[points.shape[0] :]
-        lab = self.lab.added(self._followed[flight], data.current_a, soc)
-        rows = [lab, *(np.swapaxes(_form_shapes(members, data, soc), 0, 1) if self.members else ())]
-        added, places = np.concatenate(rows), self._additions[flight]
-        count = places.size if forms else rows[0].shape[0]
-        voltage = wide[: points.shape[0]] + points[:, places[:count]] @ added[:count]
+        lab = self.lab.added(group.followed_a, group.current_a, soc)
+        rows = [lab, *(np.swapaxes(_form_shapes(members, group, soc), 0, 1) if self.members else ())]
+        added, places = np.concatenate(rows), self._additions[group.places]
+        count = places.shape[1] if forms else lab.shape[0]
+        sizes = points[:, places[:, :count]]
+        if (sizes == sizes[0]).all():
+            sizes = sizes[:1]
+        voltage = wide[: points.shape[0]] + np.swapaxes(
+            np.matmul(np.swapaxes(sizes, 0, 1), np.swapaxes(added[:count], 0, 1)), 0, 1
+        )
         if forms:
-            self._follow(voltage, points, wide, flight, soc)
+            self._follow(voltage, points, wide, group, soc)
         rested = None
-        if data.notes.rest_voltage_v is not None:
-            bends = points[:, places[: BEND_SOC.size]] @ added[: BEND_SOC.size, -1:]
-            rested = self._rested(pack, flight, run)[: points.shape[0]] + bends
-        return Predicted(voltage, rested, soc, members, places, added)
+        if any(f.notes.rest_voltage_v is not None for f in group.flights):
+            bends = np.sum(points[:, places[:, : BEND_SOC.size]] * added[: BEND_SOC.size, :, -1].T, axis=-1)
+            rested = self._rested(pack, group, run)[: points.shape[0]] + bends
+        return _Run(voltage, rested, soc, members, places, added)
 
-    def _follow(self, voltage: Array, points: Array, wide: Array, flight: int, soc: Array) -> None:
+    def _follow(self, voltage: Array, points: Array, wide: Array, group: Abreast, soc: Array) -> None:
         """Let what a member's form adds follow the member: without it the slopes along its numbers are not true."""
-        for member in self.members:
-            own = np.concatenate([self._of_name(u.name, flight) for u in member.unknowns])
-            form = np.concatenate([self._of(b, flight) for b in self._form_blocks(member.id)])
+        for effects, forms in self._own:
+            own, form = np.ravel(effects[group.places]), points[0, forms[group.places]]
             moved = np.flatnonzero((points[:, own] != points[0, own]).any(axis=1))
-            if moved.size and points[0, form].any():
-                shapes = _form_shapes(wide[moved] - wide[0], self.flights[flight], soc)
-                voltage[moved] += np.tensordot(points[0, form], shapes, 1)
+            if moved.size and form.any():
+                voltage[moved] += _formed(form, wide[moved] - wide[0], group, soc)
 
-    def _rested(self, flown: PackModel, flight: int, run: Simulation) -> Array:
-        """After landing the pack is unplugged: nothing flows, and another meter reads it."""
-        data = self.flights[flight]
+    def _rested(self, flown: PackModel, group: Abreast, run: Simulation) -> Array:
+        """After landing the pack is unplugged: nothing flows, and another meter reads it; (M, F)."""
         kept = [
             e
             for e in flown.effects
@@ -215,41 +261,41 @@ class Joint:
         ]
         pack = PackModel(self.lab.cell, self.lab.series, self.lab.parallel, kept)
         names = dict(zip(flown.state_names, run.states, strict=True))
-        last = [np.broadcast_to(names[n], np.broadcast_shapes(names[n].shape, run.voltage.shape))[..., -1]
-                for n in pack.state_names]  # fmt: skip
-        kelvin = None if data.temperature_k is None else float(data.temperature_k[-1])
-        rested = pack.step(np.stack(last, axis=-1)[:, None, :], data.notes.rest_s, 0.0, 0.0, kelvin)
-        return np.asarray(pack.voltage(rested, 0.0, kelvin))
+        shape = np.broadcast_shapes(run.voltage.shape, *(names[n].shape for n in pack.state_names))
+        last = np.stack([np.broadcast_to(names[n], shape)[..., -1] for n in pack.state_names], axis=-1)
+        kelvin = None if group.temperature_k is None else group.temperature_k[:, -1:]
+        rest_s = np.array([[f.notes.rest_s] for f in group.flights])
+        rested = pack.step(last[:, :, None, :], rest_s, 0.0, 0.0, kelvin)
+        return np.asarray(pack.voltage(rested, 0.0, kelvin))[..., 0]
 
     def whitened(self, series: Array, flight: int, noise: Noise) -> Array:
         """What is in a flight's voltages (.., T), in standard deviations of noise and of what a sample cannot tell."""
-        beside = noise.sudden * self.sudden[flight] / noise.sigma_v
+        return self._whitened(series[..., None, :], self._single(flight), noise)[..., 0, :]
+
+    def _whitened(self, series: Array, group: Abreast, noise: Noise) -> Array:
+        """The same of flights side by side (.., F, T)."""
+        ohm = self.lab.ohm * self.lab.ohmic_share * self.lab.series / self.lab.parallel
+        beside = noise.sudden * (ohm * group.sudden_a) / noise.sigma_v
         return noise.whitened(series) / np.sqrt(1.0 + beside**2)
 
-    @cached_property
-    def sudden(self) -> list[Array]:
-        """For each flight, the ohmic drop [V] of changes of current that are as fast as the samples."""
-        ohm = self.lab.ohm * self.lab.ohmic_share * self.lab.series / self.lab.parallel
+    def _rows(self, run: _Run, group: Abreast, noise: Noise) -> list[Array]:
+        """Whitened residuals of each flight, nothing where no voltage was read, and the rested one; (M, rows) each."""
+        misfit = group.voltage_v - run.voltage
+        at = np.arange(misfit.shape[-1])
+        for k in np.flatnonzero(group.unread.any(axis=-1)).tolist():
+            read = ~group.unread[k]
+            misfit[:, k] = [np.interp(at, at[read], row[read]) for row in misfit[:, k]]
+        white = self._whitened(misfit, group, noise)
+        white[:, group.unread] = 0.0
         found = []
-        for f in self.flights:
-            change = np.abs(np.diff(f.current_a, prepend=f.current_a[0]))
-            found.append(ohm * np.maximum(change, np.concatenate([[0.0], change[:-1]])))
+        for k, data in enumerate(group.flights):
+            rows = white[:, k, : data.time_s.size]
+            if data.notes.rest_voltage_v is not None:
+                assert run.rested is not None
+                rest = (data.notes.rest_voltage_v - run.rested[:, k : k + 1]) / self._rest_sd_v
+                rows = np.concatenate([rows, rest], axis=1)
+            found.append(rows)
         return found
-
-    def _whitened(self, modelled: Predicted, flight: int, noise: Noise) -> Array:
-        data = self.flights[flight]
-        misfit = data.voltage_v - modelled.voltage
-        known = np.isfinite(data.voltage_v)
-        if not known.all():
-            at = np.arange(known.size)
-            misfit = np.array([np.interp(at, at[known], row[known]) for row in misfit])
-        white = self.whitened(misfit, flight, noise)
-        if not known.all():
-            white[:, ~known] = 0.0
-        if modelled.rested is None:
-            return white
-        assert data.notes.rest_voltage_v is not None
-        return np.concatenate([white, (data.notes.rest_voltage_v - modelled.rested) / self._rest_sd_v], axis=1)
 
     @property
     def _rest_sd_v(self) -> float:
@@ -257,33 +303,38 @@ class Joint:
 
     def residuals(self, x: Array, noise: Noise) -> list[Array]:
         """Whitened residuals of every flight, and of the voltage rested after it."""
-        return [self._whitened(self.predicted(x[None, :], k), k, noise)[0] for k in range(len(self.flights))]
+        found: dict[int, Array] = {}
+        for group in abreast(self.flights):
+            rows = self._rows(self._run(x[None, :], group), group, noise)
+            found |= {int(k): own[0] for k, own in zip(group.places, rows, strict=True)}
+        return [found[k] for k in range(len(self.flights))]
 
     def linearised(self, x: Array, noise: Noise, only: Flags | None = None) -> tuple[list[Array], list[Array]]:
         """Whitened residuals of every flight, and their derivatives (rows, n) by the vector in standard deviations.
 
         ``only`` those numbers (n,) that it marks are looked at; the others' derivatives are left at nothing.
         """
-        rows, slopes = [], []
-        for k, every in enumerate(self._columns):
-            used = every if only is None else every[only[every]]
-            points = np.tile(x, (used.size + 1, 1))
-            steps = self._steps(x)[used]
-            points[np.arange(1, used.size + 1), used] += steps
-            modelled = self.predicted(points, k)
-            found = self._whitened(modelled, k, noise)
-            slope = np.zeros((found.shape[1], x.size))
-            slope[:, used] = ((found[1:] - found[0]) / (steps / self.scale[used])[:, None]).T
-            places, added = modelled.places, modelled.added
-            slope[: added.shape[1], places] = -self.whitened(added, k, noise).T * self.scale[places]
-            if found.shape[1] > added.shape[1]:
-                bends = places[: BEND_SOC.size]
-                slope[-1, bends] = -added[: BEND_SOC.size, -1] * self.scale[bends] / self._rest_sd_v
-            unseen = ~np.isfinite(self.flights[k].voltage_v)
-            slope[: unseen.size][unseen] = 0.0
-            rows.append(found[0])
-            slopes.append(slope)
-        return rows, slopes
+        found: dict[int, tuple[Array, Array]] = {}
+        steps = self._steps(x)
+        used = self._columns if only is None else self._columns[:, only[self._columns[0]]]
+        # What belongs to a flight moves no other: such numbers of all flights are moved at once.
+        points = np.tile(x, (used.shape[1] + 1, 1))
+        points[np.arange(1, used.shape[1] + 1), used] += steps[used]
+        for group in abreast(self.flights):
+            run = self._run(points, group)
+            added = self._whitened(run.added, group, noise)
+            parts = zip(group.places.tolist(), group.flights, self._rows(run, group, noise), strict=True)
+            for k, (flight, data, rows) in enumerate(parts):
+                count, moved, places = data.time_s.size, used[flight], run.places[k]
+                slope = np.zeros((rows.shape[1], x.size))
+                slope[:, moved] = ((rows[1:] - rows[0]) / (steps[moved] / self.scale[moved])[:, None]).T
+                slope[:count, places] = -added[:, k, :count].T * self.scale[places]
+                slope[:count][group.unread[k, :count]] = 0.0
+                if rows.shape[1] > count:
+                    bends = places[: BEND_SOC.size]
+                    slope[-1, bends] = -run.added[: BEND_SOC.size, k, count - 1] * self.scale[bends] / self._rest_sd_v
+                found[flight] = rows[0], slope
+        return [found[k][0] for k in range(len(self.flights))], [found[k][1] for k in range(len(self.flights))]
 
     def _steps(self, x: Array) -> Array:
         """Steps of the differences, turned round at an upper bound."""
@@ -318,12 +369,21 @@ class Joint:
         return np.asarray(np.eye(self.scale.size) + self.ties.T @ self.ties)
 
 
-def _form_shapes(added: Array, data: FlightData, soc: Array) -> Array:
-    """By which shapes what members add to the voltage (M, T) may be off (.., M, T), in the order of the form blocks."""
-    usual = float(np.mean(np.abs(data.current_a))) + 1e-9
-    light = added * np.clip(1.0 - np.abs(data.current_a) / usual, -1.0, 1.0)
-    late = [lagging(data.time_s, added, tau) - added for tau in _FORM_LAG_S]
-    return np.stack([added, *(added * hat for hat in hats(_FORM_SOC, soc)), light, *late])
+def _form_shapes(added: Array, group: Abreast, soc: Array) -> Array:
+    """By which shapes what members add to the voltage (M, F, T) may be off (.., M, F, T), in the form blocks' order."""
+    late = [group.lag(tau)(added) - added for tau in _FORM_LAG_S]
+    return np.stack([added, *(added * hat for hat in hats(_FORM_SOC, soc)), added * group.lightness, *late])
+
+
+def _formed(sizes: Array, added: Array, group: Abreast, soc: Array) -> Array:
+    """Those shapes together, each of its size in each flight (F, shapes); (M, F, T)."""
+    charges = slice(1, 1 + _FORM_SOC.size)
+    lags = sizes[0, charges.stop + 1 :]
+    by = sizes[:, :1] - lags.sum() + np.interp(soc, _FORM_SOC, sizes[0, charges])
+    total = added * (by + sizes[0, charges.stop] * group.lightness)
+    for size, tau in zip(lags, _FORM_LAG_S, strict=True):
+        total += size * group.lag(tau)(added)
+    return np.asarray(total)
 
 
 def _about_zero(name: str, size: int, sd: float) -> Block:

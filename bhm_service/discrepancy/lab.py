@@ -17,7 +17,7 @@ from bhm_service.battery.battery_file import BatteryFile, ModelName
 from bhm_service.battery.cell import CellModel, Modifiers
 from bhm_service.battery.chem import Chem
 from bhm_service.battery.circ import Circ
-from bhm_service.battery.dynamics import Course
+from bhm_service.battery.dynamics import Follower
 from bhm_service.battery.effects.base import Conditions, Effect
 from bhm_service.errors import BadInputError
 from bhm_service.identification.unknowns import Block, Unknowns, numbers
@@ -115,39 +115,39 @@ class Lab:
         sds = np.where((DROP_SOC > 0.2) & (DROP_SOC < 0.9), known, _LEVEL_ENDS * known)
         return np.asarray((rows / sds[:, None]).reshape(-1, unknowns.start.size))
 
-    def followed(self, time_s: Array, current: Array) -> Array:
-        """The current through a cell [A] as each relaxation follows it, then a skew, along a flight; (.., T)."""
-        cell = current / self.parallel
-        return np.stack([cell if tau == 0.0 else lagging(time_s, cell, tau) for tau in (*DROP_S, _SKEW_S)])
-
     def added(self, followed: Array, current: Array, soc: Array) -> Array:
-        """What one of each of `additions` adds to the pack's voltage [V] along a flight; (numbers, T)."""
-        cell = current / self.parallel
-        places = hats(DROP_SOC, soc)
-        drops = (-self.ohm * followed[:-1, None, :] * places).reshape(-1, soc.size)
+        """What one of each of `additions` adds to the pack's voltage [V] along flights (.., T); (numbers, .., T).
+
+        ``followed`` is what `followed` makes of the current.
+        """
+        cell, late = current / self.parallel, followed / self.parallel
+        drops = (-self.ohm * late[:-1, None] * hats(DROP_SOC, soc)).reshape(-1, *soc.shape)
         hover = _HOVER_C * self.capacity_c / self.parallel / SECONDS_PER_HOUR
         # A drop that bends with the current, at low and at high charge, without changing it at the hover.
         bent = -self.ohm * cell * (np.abs(cell) / hover - 1.0)
         charge = np.clip(soc, 0.0, 1.0)
-        skewed = -self.ohm * self.ohmic_share * (cell - followed[-1]) / _SKEW_S
+        skewed = -self.ohm * self.ohmic_share * (cell - late[-1]) / _SKEW_S
         bends = hats(BEND_SOC, soc)
-        return np.asarray(self.series * np.vstack([bends, drops, bent * (1.0 - charge), bent * charge, skewed]))
+        ways = np.stack([bent * (1.0 - charge), bent * charge, skewed])
+        return np.asarray(self.series * np.concatenate([bends, drops, ways]))
 
 
 def _near(name: str, size: int, sd: float) -> Block:
     return numbers(name, np.zeros(size), sd, _REACH * sd)
 
 
+def followed(time_s: Array, current: Array) -> Array:
+    """A current (.., T) as each relaxation of the drop follows it, then a skew; (relaxations + 1, .., T)."""
+    return np.stack([current if tau == 0.0 else Follower(np.diff(time_s), tau)(current) for tau in (*DROP_S, _SKEW_S)])
+
+
 def hats(knots: Array, soc: Array) -> Array:
-    """Triangles over ``knots`` (K,), level beyond them: (K, T)."""
+    """Triangles over ``knots`` (K,), level beyond them: (K, .., T)."""
     place = np.interp(soc, knots, np.arange(knots.size, dtype=float))
-    return np.asarray(np.maximum(1.0 - np.abs(place - np.arange(knots.size)[:, None]), 0.0))
-
-
-def lagging(time_s: Array, series: Array, tau_s: float) -> Array:
-    """What follows series (.., T) with a time constant, from rest."""
-    late = Course(np.diff(time_s)).lag(np.zeros(1), series[..., :-1], series[..., 1:], np.array(tau_s))
-    return np.concatenate([np.zeros((*series.shape[:-1], 1)), np.asarray(late)], axis=-1)
+    found = place - np.arange(knots.size, dtype=float).reshape(-1, *[1] * place.ndim)
+    np.abs(found, out=found)
+    np.subtract(1.0, found, out=found)
+    return np.asarray(np.maximum(found, 0.0, out=found))
 
 
 def lab_of(battery: BatteryFile, model: ModelName, series: int | None, capacity_c: float | None) -> Lab:

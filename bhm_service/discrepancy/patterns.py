@@ -45,7 +45,7 @@ def telling(fitted: Fitted) -> Pattern | None:
 def patterns(fitted: Fitted) -> list[Pattern]:
     """All patterns on top of a fit, the most telling first."""
     flights = fitted.joint.flights
-    soc = [fitted.joint.predicted(fitted.x[None, :], k).soc for k in range(len(flights))]
+    soc = [modelled.soc for modelled in fitted.joint.all_predicted(fitted.x[None, :])]
     over = variables(flights, soc)
     current = np.concatenate([f.current_a for f in flights])
     lab = fitted.joint.lab

@@ -175,7 +175,7 @@ def added(fitted: Fitted) -> dict[str, float]:
 
 
 def _added(fitted: Fitted) -> list[Array]:
-    return [fitted.joint.predicted(fitted.x[None, :], k).members for k in range(len(fitted.joint.flights))]
+    return [modelled.members for modelled in fitted.joint.all_predicted(fitted.x[None, :])]
 
 
 def _physical(fitted: Fitted) -> bool:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from bhm_service.battery.dynamics import Course, Step, recurrence
+from bhm_service.battery.dynamics import Course, Follower, Step, recurrence
 
 
 @pytest.mark.parametrize("tau", [0.05, 3.0, 40.0, 5000.0])
@@ -56,3 +56,25 @@ def test_course_and_steps_give_the_same_counter_and_lag():
         c, x = step.counter(c, rate[k], rate[k + 1]), step.lag(x, rate[k], rate[k + 1], tau[k])
         assert counted[k] == pytest.approx(c, rel=1e-9)
         assert lagged[k] == pytest.approx(x, rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("tau", [0.02, 0.5, 2.0])
+def test_recordings_side_by_side_decay_each_at_its_own_time(tau):
+    """One has its long steps early, the other late: a block that suits the first must not overflow in the second."""
+    rng = np.random.default_rng(4)
+    fast, slow = np.full(400, 3.0), np.full(400, 0.01)
+    ratio = np.stack([np.concatenate([fast, slow]), np.concatenate([slow, fast])]) / tau
+    gain = rng.standard_normal((2, 800))
+    rows = [recurrence(ratio[k], gain[k], 0.5) for k in range(2)]
+    np.testing.assert_allclose(recurrence(ratio, gain, np.full((2, 1), 0.5)), rows, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("tau", [0.01, 1.0, 10.0, 480.0])
+def test_a_follower_is_the_lag_of_a_course_from_zero(tau):
+    rng = np.random.default_rng(5)
+    dt = rng.choice([0.0, 0.5, 1.0, 12.0], (2, 500))
+    series = rng.standard_normal((3, 2, 501))
+    late = Follower(dt, tau)(series)
+    assert not late[..., 0].any()
+    same = Course(dt).lag(np.zeros(1), series[..., :-1], series[..., 1:], np.array(tau))
+    np.testing.assert_allclose(late[..., 1:], same, rtol=1e-9, atol=1e-12)

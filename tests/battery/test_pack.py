@@ -84,6 +84,22 @@ def test_many_columns_of_parameters_go_through_one_call(cell):
 
 
 @pytest.mark.parametrize("cell", CELLS, ids=NAMES)
+@pytest.mark.parametrize("effects", [(ARRHENIUS,), (ARRHENIUS, SelfWarming())], ids=["temperature", "feedback"])
+def test_recordings_side_by_side_run_as_each_alone(cell, effects):
+    """The second is shorter: it stands still at its end, and neither hears of the other's times."""
+    ours = [recording(seed, length) for seed, length in ((6, 600), (7, 430))]
+    wide = [np.stack([np.pad(r[k], (0, 600 - r[k].size), mode="edge") for r in ours]) for k in range(3)]
+    scales = np.array([0.9, 1.3])[:, None, None]
+    starts = np.array([[0.93], [0.8]])
+    together = PackModel(cell, 6, 3.0 * scales, effects).simulate(*wide[:2], starts, wide[2])
+    for row, scale in enumerate((0.9, 1.3)):
+        for k, (t, current, temperature) in enumerate(ours):
+            alone = PackModel(cell, 6, 3.0 * scale, effects).simulate(t, current, float(starts[k, 0]), temperature)
+            np.testing.assert_allclose(together.voltage[row, k, : t.size], alone.voltage, rtol=1e-9)
+    assert np.isfinite(together.voltage).all()
+
+
+@pytest.mark.parametrize("cell", CELLS, ids=NAMES)
 def test_charge_is_counted(cell):
     t, current, _ = recording()
     out = np.trapezoid(current, t)

@@ -10,6 +10,8 @@ from discrepancy.flown import AMBIENT_K, BATTERY, SERIES, base, flown, with_memb
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.battery.pack import PackModel
+from bhm_service.discrepancy.confirm import restricted, subset
+from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.noise import Noise
 
 NOISE = Noise(0.95, 0.7, 0.008)
@@ -90,6 +92,40 @@ def test_readings_that_are_missing_weigh_nothing():
     assert rows[0][60] == 0.0
     assert not slopes[0][60].any()
     assert np.isfinite(rows[0]).all()
+
+
+UNLIKE = [
+    flown(number=0, kelvin=AMBIENT_K[0], samples=150),
+    flown(number=1, samples=90, step_s=4.0, rested=False),
+    flown(number=2, kelvin=AMBIENT_K[2], samples=200, step_s=1.0),
+]
+
+
+@pytest.mark.parametrize("names", [set(), {"capacity-fade", "partial-charge"}, {"resistance-shape"}])
+def test_flights_side_by_side_are_as_each_alone(names):
+    """Of different lengths and steps, with a temperature and without, rested and not, holes in the second."""
+    volts = UNLIKE[1].voltage_v.copy()
+    volts[[0, 40, 89]] = np.nan
+    joint = with_members([UNLIKE[0], replace(UNLIKE[1], voltage_v=volts), UNLIKE[2]], names)
+    start = joint.unknowns.start
+    x = start + 0.3 * joint.scale * np.sin(np.arange(start.size))
+    together = joint.all_predicted(x[None, :])
+    rows, slopes = joint.linearised(x, NOISE)
+    for k, (modelled, own) in enumerate(zip(together, joint.residuals(x, NOISE), strict=True)):
+        alone = joint.predicted(x[None, :], k)
+        np.testing.assert_allclose(modelled.voltage, alone.voltage, atol=1e-9)
+        np.testing.assert_allclose(modelled.members, alone.members, atol=1e-9)
+        assert (modelled.rested is None) is (alone.rested is None)
+        np.testing.assert_allclose(rows[k], own, atol=1e-9)
+        others = {"start_soc", "partial-charge.deficit", *(f"form_flight.{name}" for name in names)} & set(joint.places)
+        single = subset(joint, [k])
+        kept = restricted(Fitted(joint, NOISE, x, 0.0, [], [], np.zeros((0, 0))), single, [k])
+        (lone,), (slope,) = single.linearised(kept, NOISE)
+        np.testing.assert_allclose(rows[k], lone, atol=1e-9)
+        for name, where in joint.places.items():
+            mine = slopes[k][:, where]
+            mine = mine[:, k : k + 1] if name in others else mine
+            np.testing.assert_allclose(mine, slope[:, single.places[name]], atol=1e-5 * np.abs(mine).max() + 1e-9)
 
 
 # ---- the voltage rested after landing ------------------------------------------------------------------------------

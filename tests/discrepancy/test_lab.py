@@ -11,7 +11,7 @@ from discrepancy.flown import BATTERY, SERIES, base, flown
 
 from bhm_service.battery.battery_file import BatteryFile
 from bhm_service.battery.uncertainty import Uncertainty
-from bhm_service.discrepancy.lab import BEND_SOC, DROP_S, DROP_SOC, lab_of, lagging
+from bhm_service.discrepancy.lab import BEND_SOC, DROP_S, DROP_SOC, followed, lab_of
 from bhm_service.errors import BadInputError
 
 GENERIC = BatteryFile(name="generic", circ=circ(), uncertainty=Uncertainty(resistance=0.5, capacity=0.1))
@@ -35,9 +35,8 @@ def test_what_an_addition_adds_is_what_the_prediction_changes_by(joint, block):
     modelled = joint.predicted(points, 0)
     once, twice = modelled.voltage[1] - modelled.voltage[0], modelled.voltage[2] - modelled.voltage[0]
     np.testing.assert_allclose(twice, 2.0 * once, atol=1e-9)
-    row = joint.lab.added(
-        joint.lab.followed(FLIGHT.time_s, FLIGHT.current_a), FLIGHT.current_a, modelled.soc
-    )[list(modelled.places).index(knot)]  # fmt: skip
+    rows = joint.lab.added(followed(FLIGHT.time_s, FLIGHT.current_a), FLIGHT.current_a, modelled.soc)
+    row = rows[list(modelled.places).index(knot)]
     np.testing.assert_allclose(once, joint.scale[knot] * row, atol=1e-9)
     assert np.abs(once).max() > 1e-4
 
@@ -50,17 +49,12 @@ def test_bends_are_millivolts_of_a_cell_at_their_charge(joint):
 
 def test_a_drop_is_ohms_law_at_once_and_lags_by_its_time(joint):
     t, amps = np.arange(0.0, 400.0, 2.0), np.full(200, 10.0)
-    rows = joint.lab.added(joint.lab.followed(t, amps), amps, np.full(200, DROP_SOC[1]))
+    rows = joint.lab.added(followed(t, amps), amps, np.full(200, DROP_SOC[1]))
     drops = rows[BEND_SOC.size :][: len(DROP_S) * DROP_SOC.size].reshape(len(DROP_S), DROP_SOC.size, -1)
     full = -SERIES * joint.lab.ohm * 10.0
     np.testing.assert_allclose(drops[0, 1], full)
     np.testing.assert_allclose(drops[3, 1], full * (1.0 - np.exp(-t / DROP_S[3])), atol=0.02 * abs(full))
     assert not drops[:, 3].any()
-
-
-def test_what_lags_a_ramp_lags_it_by_its_time():
-    t = np.arange(0.0, 600.0, 1.0)
-    np.testing.assert_allclose(lagging(t, t, 20.0)[500:], t[500:] - 20.0, atol=1e-6)
 
 
 def test_ties_hold_the_resistance_at_each_charge_however_it_is_split(joint):
