@@ -199,19 +199,19 @@ def _carried(everything: Fit, terms: Sequence[Term]) -> list[Term]:
 
 
 def _geometry(found: DemandSearch, bare: Fit, term: Term) -> Geometry:
-    """Score and information of a term added to the fit of none, all others free."""
+    """What the residuals of the fit of none say of a term added to it, all others free."""
     demand = found.base.with_terms([term])
     (declared,) = term.kind.parameters()
     assert declared.absent is not None
     x = np.concatenate([bare.x, np.full(term.block().size, declared.absent)])
-    rows, slopes = demand.linearised(x, found.noise)
+    _, slopes = demand.linearised(x, found.noise)
     slope, new = np.vstack(slopes), slice(bare.x.size, None)
     old = slice(0, bare.x.size)
     nuisance = slope[:, old].T @ slope[:, old] + demand.known[old, old]
     across = np.linalg.solve(nuisance, slope[:, old].T @ slope[:, new])
     directions = -(slope[:, new] - slope[:, old] @ across)
     information = slope[:, new].T @ slope[:, new] - across.T @ (slope[:, old].T @ slope[:, new])
-    return Geometry(directions.T @ np.concatenate(rows), information, directions)
+    return Geometry(information, directions)
 
 
 def _expected_snr(geometry: Geometry, term: Term) -> float:
@@ -221,7 +221,7 @@ def _expected_snr(geometry: Geometry, term: Term) -> float:
     mean, sd = declared.prior
     usual = (mean - declared.absent) / sd if mean != declared.absent else 1.0
     # What differs from flight to flight is shown by one flight that is unlike the others.
-    size = np.zeros(geometry.score.size)
+    size = np.zeros(geometry.information.shape[0])
     size[0] = usual
     return float(np.sqrt(max(float(size @ geometry.information @ size), 0.0)))
 

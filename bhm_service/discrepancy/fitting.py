@@ -82,10 +82,20 @@ class Fitted(Generic[ProblemT]):
     @cached_property
     def known_curvature(self) -> Array:
         """The curvature with every residual at its full weight."""
-        slope = np.vstack(self.slopes)
-        return np.asarray(slope.T @ slope + self.joint.known)
+        return np.asarray(self.slope.T @ self.slope + self.joint.known)
 
-    @property
+    @cached_property
+    def slope(self) -> Array:
+        """The slopes of all flights, one below the other."""
+        return np.vstack(self.slopes)
+
+    @cached_property
+    def weighted(self) -> Array:
+        """The innovations of all flights, each times its weight."""
+        row = np.concatenate(self.rows)
+        return np.asarray(weights(row) * row)
+
+    @cached_property
     def gradient(self) -> Array:
         """Of half the cost, by the vector in standard deviations of the prior."""
         return _gradient(self.joint, self.x, self.rows, self.slopes)

@@ -42,8 +42,6 @@ class Predicted:
     rested: Array | None  # [V] (M, 1)
     soc: Array  # (T,) of the first vector
     members: Array  # [V] what each member adds to the voltage (members, T)
-    places: Places  # which numbers of the vector only add to the voltage
-    added: Array  # [V] what one of each of them adds (numbers, T)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,15 +52,12 @@ class _Run:
     rested: Array | None  # (M, F), of all where any has it
     soc: Array  # (F, T)
     members: Array  # (members, F, T)
-    places: Places  # (F, numbers)
-    added: Array  # (numbers, F, T)
 
     def of(self, row: int, data: FlightData) -> Predicted:
         """One of the flights."""
         size = data.time_s.size
         rested = None if self.rested is None or data.notes.rest_voltage_v is None else self.rested[:, row : row + 1]
-        voltage, members, added = (part[:, row, :size] for part in (self.voltage, self.members, self.added))
-        return Predicted(voltage, rested, self.soc[row, :size], members, self.places[row], added)
+        return Predicted(self.voltage[:, row, :size], rested, self.soc[row, :size], self.members[:, row, :size])
 
 
 @dataclass(frozen=True)
@@ -88,23 +83,20 @@ class Joint:
         return joined(self.lab.blocks(), [starts], packs, members, self.lab.additions(), forms)
 
     @cached_property
-    def _adding(self) -> frozenset[str]:
-        """Blocks that only add to the voltage: their derivatives need no run."""
-        return frozenset(self._adding_names)
+    def _adding(self) -> slice:
+        """Numbers that only add to the voltage: their derivatives need no run."""
+        return slice(self._lab_adding.start, self.scale.size)
 
     @cached_property
-    def _adding_names(self) -> list[str]:
-        """The same in the order of what they add."""
-        forms = [b.name for c in self.members for b in self._form_blocks(c.id)]
-        return [b.name for b in self.lab.additions()] + forms
+    def _lab_adding(self) -> slice:
+        """Those of the lab's errors."""
+        names = [b.name for b in self.lab.additions()]
+        return slice(self.places[names[0]].start, self.places[names[-1]].stop)
 
     def _form_blocks(self, name: str) -> list[Block]:
-        return [
-            _about_zero(f"form_flight.{name}", len(self.flights), _FORM_FLIGHT_SD),
-            _about_zero(f"form_soc.{name}", _FORM_SOC.size, _FORM_SOC_SD),
-            _about_zero(f"form_load.{name}", 1, _FORM_LOAD_SD),
-            _about_zero(f"form_lag.{name}", len(_FORM_LAG_S), _FORM_LAG_SD),
-        ]
+        sizes = {"flight": (len(self.flights), _FORM_FLIGHT_SD), "soc": (_FORM_SOC.size, _FORM_SOC_SD),
+                 "load": (1, _FORM_LOAD_SD), "lag": (len(_FORM_LAG_S), _FORM_LAG_SD)}  # fmt: skip
+        return [_about_zero(own, *sizes[kind]) for kind, own in zip(sizes, _form_names(name), strict=True)]
 
     def _start_sd(self, flight: FlightData) -> float:
         if not self.lab.identified:
@@ -120,20 +112,17 @@ class Joint:
     @cached_property
     def _columns(self) -> Places:
         """For each flight, the numbers of the vector that a run of it depends on; (flights, numbers)."""
-        return self._of([b.name for b in self.unknowns.blocks if b.name not in self._adding])
+        return self._of([name for name, where in self.places.items() if where.start < self._adding.start])
 
     @cached_property
     def _additions(self) -> Places:
         """For each flight, the numbers of the vector that only add to its voltage, in the order of their shapes."""
-        return self._of(self._adding_names)
+        return self._of([name for name, where in self.places.items() if where.start >= self._adding.start])
 
     @cached_property
     def _own(self) -> list[tuple[Places, Places]]:
         """For each member, the numbers of its effects and of its form, flight by flight; (flights, numbers) each."""
-        return [
-            (self._of([u.name for u in c.unknowns]), self._of([b.name for b in self._form_blocks(c.id)]))
-            for c in self.members
-        ]
+        return [(self._of([u.name for u in c.unknowns]), self._of(_form_names(c.id))) for c in self.members]
 
     def _of(self, names: list[str]) -> Places:
         """Where some blocks stand, flight by flight: of those that hold a number for each only its own."""
@@ -146,10 +135,11 @@ class Joint:
 
     @cached_property
     def places(self) -> dict[str, slice]:
-        """Where each block stands in the vector."""
-        found, begin = {}, 0
+        """Where each block stands in the vector; of two of one name (a companion that two members have), the first."""
+        found: dict[str, slice] = {}
+        begin = 0
         for block in self.unknowns.blocks:
-            found[block.name] = slice(begin, begin + block.size)
+            found.setdefault(block.name, slice(begin, begin + block.size))
             begin += block.size
         return found
 
@@ -226,23 +216,35 @@ class Joint:
         wide = np.broadcast_to(run.voltage, (everything.shape[0], *group.time_s.shape))
         soc = np.broadcast_to(run.soc, wide.shape)[0]
         members = wide[0] - wide[points.shape[0] :]
-        lab = self.lab.added(group.followed_a, group.current_a, soc)
-        rows = [lab, *(np.swapaxes(_form_shapes(members, group, soc), 0, 1) if self.members else ())]
-        added, places = np.concatenate(rows), self._additions[group.places]
-        count = places.shape[1] if forms else lab.shape[0]
-        sizes = points[:, places[:, :count]]
-        if (sizes == sizes[0]).all():
-            sizes = sizes[:1]
-        voltage = wide[: points.shape[0]] + np.swapaxes(
-            np.matmul(np.swapaxes(sizes, 0, 1), np.swapaxes(added[:count], 0, 1)), 0, 1
-        )
+        voltage = wide[: points.shape[0]] + self._beside(points, members, group, soc, forms)
         if forms:
             self._follow(voltage, points, wide, group, soc)
         rested = None
         if any(f.notes.rest_voltage_v is not None for f in group.flights):
-            bends = np.sum(points[:, places[:, : BEND_SOC.size]] * added[: BEND_SOC.size, :, -1].T, axis=-1)
+            bends = self.lab.bent_v(points[:, self._lab_adding], soc[:, -1])
             rested = self._rested(pack, group, run)[: points.shape[0]] + bends
-        return _Run(voltage, rested, soc, members, places, added)
+        return _Run(voltage, rested, soc, members)
+
+    def _beside(self, points: Array, members: Array, group: Abreast, soc: Array, forms: bool) -> Array:
+        """What the numbers that only add do add to the voltage (1 or M, F, T)."""
+        adding = points[:, self._adding]
+        rows = points[:1] if (adding == adding[0]).all() else points
+        sizes = rows[:, self._lab_adding]
+        total = np.stack([self.lab.beside(own, group.followed_a, group.current_a, soc) for own in sizes])
+        for (_, places), own in zip(self._own if forms else (), members, strict=False):
+            for volts, x in zip(total, rows, strict=True):
+                form = x[places[group.places]]
+                if form.any():
+                    volts += _formed(form, own, group, soc)
+        return total
+
+    def _added(self, run: _Run, group: Abreast) -> Array:
+        """What one of each number of `_additions` adds to the voltage; (numbers, F, T)."""
+        lab = self.lab.added(group.followed_a, group.current_a, run.soc)
+        if not self.members:
+            return lab
+        forms = np.swapaxes(_form_shapes(run.members, group, run.soc), 0, 1)
+        return np.concatenate([lab, forms.reshape(-1, *run.soc.shape)])
 
     def _follow(self, voltage: Array, points: Array, wide: Array, group: Abreast, soc: Array) -> None:
         """Let what a member's form adds follow the member: without it the slopes along its numbers are not true."""
@@ -309,37 +311,69 @@ class Joint:
             found |= {int(k): own[0] for k, own in zip(group.places, rows, strict=True)}
         return [found[k] for k in range(len(self.flights))]
 
-    def linearised(self, x: Array, noise: Noise, only: Flags | None = None) -> tuple[list[Array], list[Array]]:
-        """Whitened residuals of every flight, and their derivatives (rows, n) by the vector in standard deviations.
-
-        ``only`` those numbers (n,) that it marks are looked at; the others' derivatives are left at nothing.
-        """
+    def linearised(self, x: Array, noise: Noise) -> tuple[list[Array], list[Array]]:
+        """Whitened residuals of every flight, and their derivatives (rows, n) by the vector in standard deviations."""
         found: dict[int, tuple[Array, Array]] = {}
-        steps = self._steps(x)
-        used = self._columns if only is None else self._columns[:, only[self._columns[0]]]
-        # What belongs to a flight moves no other: such numbers of all flights are moved at once.
-        points = np.tile(x, (used.shape[1] + 1, 1))
-        points[np.arange(1, used.shape[1] + 1), used] += steps[used]
+        used = self._columns
+        points, steps = self._moved(x, used)
         for group in abreast(self.flights):
             run = self._run(points, group)
-            added = self._whitened(run.added, group, noise)
+            added = self._added(run, group)
+            white = self._whitened(added, group, noise)
             parts = zip(group.places.tolist(), group.flights, self._rows(run, group, noise), strict=True)
             for k, (flight, data, rows) in enumerate(parts):
-                count, moved, places = data.time_s.size, used[flight], run.places[k]
+                count, moved, places = data.time_s.size, used[flight], self._additions[flight]
                 slope = np.zeros((rows.shape[1], x.size))
                 slope[:, moved] = ((rows[1:] - rows[0]) / (steps[moved] / self.scale[moved])[:, None]).T
-                slope[:count, places] = -added[:, k, :count].T * self.scale[places]
+                slope[:count, places] = -white[:, k, :count].T * self.scale[places]
                 slope[:count][group.unread[k, :count]] = 0.0
                 if rows.shape[1] > count:
                     bends = places[: BEND_SOC.size]
-                    slope[-1, bends] = -run.added[: BEND_SOC.size, k, count - 1] * self.scale[bends] / self._rest_sd_v
+                    slope[-1, bends] = -added[: BEND_SOC.size, k, count - 1] * self.scale[bends] / self._rest_sd_v
                 found[flight] = rows[0], slope
         return [found[k][0] for k in range(len(self.flights))], [found[k][1] for k in range(len(self.flights))]
 
-    def _steps(self, x: Array) -> Array:
-        """Steps of the differences, turned round at an upper bound."""
+    def slopes_of(self, member: Candidate, x: Array, noise: Noise) -> list[Array]:
+        """Derivatives (rows, numbers) of every flight's whitened residuals by the numbers of one member's effects.
+
+        What adds to the voltage beside the runs of the pack is taken to stay: a member at no effect has no form yet.
+        """
+        used = self._of([u.name for u in member.unknowns])
+        own = np.unique(used)
+        points, steps = self._moved(x, used)
+        found: dict[int, Array] = {}
+        for group in abreast(self.flights):
+            pack = self._pack(points, group.places)
+            run = self._simulated(points, group, pack)
+            wide = np.broadcast_to(run.voltage, (points.shape[0], *group.time_s.shape))
+            soc = np.broadcast_to(run.soc, wide.shape)[0]
+            voltage = wide.copy()
+            self._follow(voltage, points, wide, group, soc)  # a companion may be another member's as well
+            rested = None
+            if any(f.notes.rest_voltage_v is not None for f in group.flights):
+                rested = self._rested(pack, group, run)
+            rows = self._rows(_Run(voltage, rested, soc, wide[:0]), group, noise)
+            for flight, off in zip(group.places.tolist(), rows, strict=True):
+                moved = used[flight]
+                slope = np.zeros((off.shape[1], own.size))
+                slope[:, np.searchsorted(own, moved)] = (
+                    (off[1:] - off[0]) / (steps[moved] / self.scale[moved])[:, None]
+                ).T
+                unread = ~np.isfinite(self.flights[flight].voltage_v)
+                slope[: unread.size][unread] = 0.0
+                found[flight] = slope
+        return [found[k] for k in range(len(self.flights))]
+
+    def _moved(self, x: Array, used: Places) -> tuple[Array, Array]:
+        """A vector, then the same with each number moved of those that are used (flights, numbers); and the steps (n,).
+
+        What belongs to a flight moves no other: such numbers of all flights are moved at once.
+        """
         step = _STEP * self.scale
-        return np.where(x + step > self.unknowns.high, -step, step)
+        steps = np.where(x + step > self.unknowns.high, -step, step)  # turned round at an upper bound
+        points = np.tile(x, (used.shape[1] + 1, 1))
+        points[np.arange(1, used.shape[1] + 1), used] += steps[used]
+        return points, steps
 
     def pulls(self, x: Array) -> Array:
         """How far a vector is from what was known before, number by number and of their sums."""
@@ -367,6 +401,11 @@ class Joint:
     def known(self) -> Array:
         """Curvature of what was known before, by the vector in its standard deviations."""
         return np.asarray(np.eye(self.scale.size) + self.ties.T @ self.ties)
+
+
+def _form_names(member: str) -> list[str]:
+    """The blocks by which a member may be off, that of the flights first."""
+    return [f"form_{kind}.{member}" for kind in ("flight", "soc", "load", "lag")]
 
 
 def _form_shapes(added: Array, group: Abreast, soc: Array) -> Array:

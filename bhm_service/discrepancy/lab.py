@@ -131,6 +131,23 @@ class Lab:
         ways = np.stack([bent * (1.0 - charge), bent * charge, skewed])
         return np.asarray(self.series * np.concatenate([bends, drops, ways]))
 
+    def beside(self, sizes: Array, followed: Array, current: Array, soc: Array) -> Array:
+        """What numbers of `additions` add together (.., T), as `added` has it for one of each. [V]"""
+        cell, late = current / self.parallel, followed / self.parallel
+        drops = sizes[BEND_SOC.size : -3].reshape(-1, DROP_SOC.size)
+        low, high, skew = sizes[-3:]
+        charge = np.clip(soc, 0.0, 1.0)
+        hover = _HOVER_C * self.capacity_c / self.parallel / SECONDS_PER_HOUR
+        amps = cell * (np.abs(cell) / hover - 1.0) * (low + (high - low) * charge)
+        amps += (skew * self.ohmic_share / _SKEW_S) * (cell - late[-1])
+        for own, share in zip(late[:-1], drops, strict=True):
+            amps += own * np.interp(soc, DROP_SOC, share)
+        return np.asarray(self.series * (np.interp(soc, BEND_SOC, sizes[: BEND_SOC.size]) - self.ohm * amps))
+
+    def bent_v(self, sizes: Array, soc: Array) -> Array:
+        """What the bends among numbers of `additions` (M, numbers) add to rested packs (F,); (M, F). [V]"""
+        return np.asarray(self.series * sizes[:, : BEND_SOC.size] @ hats(BEND_SOC, soc))
+
 
 def _near(name: str, size: int, sd: float) -> Block:
     return numbers(name, np.zeros(size), sd, _REACH * sd)

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bhm_service.discrepancy.candidate import Candidate
-from bhm_service.discrepancy.fitting import Fitted, fit, weights
+from bhm_service.discrepancy.fitting import Fitted, fit
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.noise import Noise, estimated
 from bhm_service.discrepancy.steps import contact_candidate, episodes
-from bhm_service.units import Array, Flags
+from bhm_service.units import Array
 
 NATS = 10.0  # that a member of a set has to earn against the best set without it
 NEAR = 6.0  # [nats] within which two explanations cannot be told apart
@@ -127,64 +127,48 @@ def _absent(joint: Joint, start: Fitted, candidate: Candidate) -> Array:
 class Geometry:
     """A candidate's numbers at no effect, all others free; in standard deviations of its prior."""
 
-    score: Array
     information: Array
     directions: Array  # (rows, numbers) in whitened residuals: the score is these times the residuals
 
 
 def candidate_geometry(at: Fitted, joint: Joint, candidate: Candidate) -> Geometry:
-    """Score and information of a candidate added to a fit."""
-    new = _new(joint, candidate)
-    _, slopes = joint.linearised(_absent(joint, at, candidate), at.noise, only=new)
-    own = np.vstack(slopes)[:, new]
-    old = np.vstack(at.slopes)
-    across = np.linalg.solve(at.known_curvature, old.T @ own)
-    directions = old @ across - own
-    information = own.T @ own - (own.T @ old) @ across
+    """What the residuals of a fit say of a candidate added to it."""
+    return _added(at, _slope(at, joint, candidate))[0]
+
+
+def _slope(at: Fitted, joint: Joint, candidate: Candidate) -> Array:
+    return np.vstack(joint.slopes_of(candidate, _absent(joint, at, candidate), at.noise))
+
+
+def _added(at: Fitted, own: Array) -> tuple[Geometry, Array]:
+    """Numbers of these slopes (rows, numbers) added to a fit, and their score."""
+    both = at.slope.T @ own
+    across = np.linalg.solve(at.known_curvature, both)
     # Where the fit stands, what is known before of its own numbers pulls as hard as the residuals do: the residuals
     # along those numbers are not for the candidate to lose.
-    row = np.concatenate(at.rows)
-    score = across.T @ at.gradient - own.T @ (weights(row) * row)
-    return Geometry(score, information, directions)
+    score = across.T @ at.gradient - own.T @ at.weighted
+    return Geometry(own.T @ own - both.T @ across, at.slope @ across - own), score
 
 
 def _linear_gain(at: Fitted, joint: Joint, candidate: Candidate) -> float:
-    found = candidate_geometry(at, joint, candidate)
-    score, information = found.score, found.information
-    if float(np.max(np.diag(information))) < _FLAT:
+    found, score = _added(at, _slope(at, joint, candidate))
+    if float(np.max(np.diag(found.information))) < _FLAT:
         # What begins with no slope is known by what it does at its usual size.
-        shown = _usual(at, joint, candidate)
-        old = np.vstack(at.slopes)
-        across = np.linalg.solve(at.known_curvature, old.T @ shown)
-        information = np.array([[shown @ shown - (old.T @ shown) @ across]])
-        row = np.concatenate(at.rows)
-        score = np.array([across @ at.gradient - shown @ (weights(row) * row)])
-    posterior = information + np.eye(score.size)
+        found, score = _added(at, _usual(at, joint, candidate))
+    posterior = found.information + np.eye(score.size)
     # Effects at their typical size, not at none: the pull of the prior is left out of the expectation.
     gain = 0.5 * score @ np.linalg.solve(posterior, score)
     return float(gain - 0.5 * np.linalg.slogdet(posterior)[1])
 
 
-def _new(joint: Joint, candidate: Candidate) -> Flags:
-    """The numbers of a vector that a candidate brings."""
-    own = {u.name for u in candidate.unknowns}
-    new = np.zeros(joint.unknowns.start.size, dtype=bool)
-    for block in joint.unknowns.blocks:
-        if block.name in own or (block.name.startswith("form_") and block.name.endswith(f".{candidate.id}")):
-            new[joint.unknowns.slice_of(block.name)] = True
-    return new
-
-
 def expected_snr(at: Fitted, joint: Joint, candidate: Candidate) -> float:
     """Standard deviations by which the candidate at its usual size would stand out of noise and lab errors."""
-    shown = _usual(at, joint, candidate)
-    explained = np.vstack(at.slopes).T @ shown
-    power = shown @ shown - explained @ np.linalg.solve(at.known_curvature, explained)
-    return float(np.sqrt(max(float(power), 0.0)))
+    found, _ = _added(at, _usual(at, joint, candidate))
+    return float(np.sqrt(max(float(found.information[0, 0]), 0.0)))
 
 
 def _usual(at: Fitted, joint: Joint, candidate: Candidate) -> Array:
-    """By what the whitened residuals change when the candidate joins a fit at its usual size."""
+    """By what the whitened residuals change (rows, 1) when the candidate joins a fit at its usual size."""
     absent = _absent(joint, at, candidate)
     usual = absent.copy()
     for u in candidate.amplitudes():
@@ -192,31 +176,30 @@ def _usual(at: Fitted, joint: Joint, candidate: Candidate) -> Array:
         mean, sd = u.prior
         size = mean if mean != u.declared.absent else mean + sd
         usual[joint.unknowns.slice_of(u.name)] = np.log(size) if u.log else size
-    return np.concatenate(joint.residuals(usual, at.noise)) - np.concatenate(joint.residuals(absent, at.noise))
+    with_it, without = (np.concatenate(joint.residuals(x, at.noise)) for x in (usual, absent))
+    return (with_it - without)[:, None]
 
 
 def saturated_noise(at: Fitted, candidates: Sequence[Candidate]) -> Noise:
     """Noise of what is left when everything that any candidate could explain is taken out of a fit's residuals."""
     joint = at.joint
     plain = Noise(0.0, 0.0, 1.0)
-    columns: list[list[Array]] = [[] for _ in joint.flights]
-    rows: list[Array] = []
-    for candidate in (None, *(c for c in candidates if c not in joint.members)):
-        wider = joint if candidate is None else Joint(joint.lab, joint.flights, (*joint.members, candidate))
-        if candidate is None:
-            rows, slopes = wider.linearised(at.x, plain)
-        else:
-            new = _new(wider, candidate)
-            slopes = [s[:, new] for s in wider.linearised(_absent(wider, at, candidate), plain, only=new)[1]]
-        for k, slope in enumerate(slopes):
-            columns[k].append(slope)
+    rows, slopes = joint.linearised(at.x, plain)
+    columns = [[slope] for slope in slopes]
+    numbers = at.x.size
+    for candidate in (c for c in candidates if c not in joint.members):
+        wider = Joint(joint.lab, joint.flights, (*joint.members, candidate))
+        numbers += wider.unknowns.start.size - at.x.size
+        for own, slope in zip(columns, wider.slopes_of(candidate, _absent(wider, at, candidate), plain), strict=True):
+            own.append(slope)
     design = np.vstack([np.hstack(c) for c in columns])
     weight = np.concatenate([np.full(r.size, 1.0) for r in rows])
     lengths = [f.time_s.size for f in joint.flights]
     for k, row in enumerate(rows):
         if row.size > lengths[k]:
             weight[sum(r.size for r in rows[:k]) + lengths[k]] = 0.0
-    ridge = np.full(design.shape[1], 1e-6 * float(np.trace(design.T @ design)) / design.shape[1])
+    # The mean over all numbers: those by which a candidate's form may be off do nothing at no effect.
+    ridge = np.full(design.shape[1], 1e-6 * float(np.sum(design**2)) / numbers)
     left = np.concatenate(rows) - design @ np.linalg.solve(
         design.T @ (weight[:, None] * design) + np.diag(ridge), design.T @ (weight * np.concatenate(rows))
     )

@@ -128,6 +128,15 @@ def test_flights_side_by_side_are_as_each_alone(names):
             np.testing.assert_allclose(mine, slope[:, single.places[name]], atol=1e-5 * np.abs(mine).max() + 1e-9)
 
 
+def test_a_companion_that_two_members_have_is_one():
+    """Both carry the pack's own heat, because no flight has a temperature: the first copy is the one that counts."""
+    flights = [flown(number=k, samples=150) for k in range(2)]
+    joint = with_members(flights, {"resistance-temperature", "cold-capacity"})
+    names = [b.name for b in joint.unknowns.blocks]
+    assert names.count("self-heating.ambient") == 2
+    assert all(joint.places[name] == joint.unknowns.slice_of(name) for name in names)
+
+
 # ---- the voltage rested after landing ------------------------------------------------------------------------------
 
 
