@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bhm_service.battery.battery_file import MODELS, BatteryFile, Joined, ModelName
+from bhm_service.battery.battery_file import MODELS, BatteryFile, Joined
 from bhm_service.battery.effects import Effect
 from bhm_service.battery.pack import PackModel
 from bhm_service.battery.parameters import parameters_of
@@ -15,6 +15,7 @@ from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.explanation import Flying
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.joint import Joint
+from bhm_service.discrepancy.lab import Lab
 from bhm_service.prediction.end_of_discharge import Limits, end_of_discharge
 
 RESERVE_SOC = 0.2
@@ -35,18 +36,22 @@ def repaired(battery: BatteryFile, fits: Sequence[Fitted], source: str) -> Batte
             for key, kind in member.parts:
                 found = _joined(fitted, member, key, kind)
                 if found is not None:
-                    joined = [kept for j in joined for kept in _without(j, found.effect.id, model)]
+                    joined = [kept for j in joined for kept in _without(j, found.effect.id, fitted.joint.lab)]
                     joined.append(replace(found, model=model))
     if joined == list(battery.joined):
         return None
     return replace(battery, joined=tuple(joined), source=f"{battery.source}; {source}".lstrip("; "))
 
 
-def _without(joined: Joined, name: str, model: ModelName) -> list[Joined]:
-    """What stays of an entry where an effect of that name joins a model: all of it, its half for the other, nothing."""
-    if joined.effect.id != name or joined.model not in (None, model):
+def _without(joined: Joined, name: str, lab: Lab) -> list[Joined]:
+    """What stays of an entry where an effect of that name joins a model: all of it, its half for the other, nothing.
+
+    What the fit had beside the effect stays: two pairs of slow diffusion are two. One effect alone carries a driver.
+    """
+    beside = joined.effect in lab.effects and not joined.effect.supplies
+    if joined.effect.id != name or joined.model not in (None, lab.model) or beside:
         return [joined]
-    return [replace(joined, model=other) for other in MODELS if joined.model is None and other != model]
+    return [replace(joined, model=other) for other in MODELS if joined.model is None and other != lab.model]
 
 
 def _joined(fitted: Fitted, member: Candidate, key: str, kind: type[Effect]) -> Joined | None:

@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from discrepancy.flown import BATTERY, SERIES, SIZES, base, four, noise_model, with_members
+from discrepancy.flown import BATTERY, SERIES, SIZES, base, catalogue, four, noise_model, with_members
 
 from bhm_service.battery.battery_file import Joined, read_battery, write_battery
-from bhm_service.battery.effects import EFFECTS
+from bhm_service.battery.effects import EFFECTS, SelfHeating, SlowDiffusion
 from bhm_service.battery.pack import PackModel
 from bhm_service.discrepancy.fitting import fit
+from bhm_service.discrepancy.joint import Joint
+from bhm_service.discrepancy.lab import lab_of
 from bhm_service.discrepancy.repair import flying, patched, repaired, retuned
 from bhm_service.estimation.tracker import Tracker
 from bhm_service.messages import BatterySample, Model
@@ -96,6 +98,35 @@ def test_repairing_one_model_leaves_the_other_as_it_was():
     (new,) = battery.effects("circ")
     assert kept.growth == 0.5
     assert new.growth != 0.5
+
+
+def pair(resistance, time_constant):
+    """One pair of slow diffusion of Circ, as the lab joined it."""
+    effect = SlowDiffusion(resistance=resistance, time_constant=time_constant)
+    return Joined(effect=effect, model="circ", sd={"resistance": 1e-5, "time_constant": 20.0})
+
+
+def repaired_beside(*joined, found):
+    """The effects of a file that has some already, repaired by a fit of Circ with what was found."""
+    battery = replace(BATTERY, joined=joined)
+    flights = tuple(four("resistance-growth"))
+    members = tuple(catalogue(flights, only=found))
+    fitted = fit(Joint(lab_of(battery, "circ", None, None), flights, members), NOISE)
+    return repaired(battery, [fitted], "a test").joined
+
+
+def test_two_pairs_that_the_fit_had_beside_it_stay():
+    two = (pair(5e-4, 60.0), pair(4e-4, 1800.0))
+    found = repaired_beside(*two, found=("slow-diffusion",))
+    assert found[:2] == two
+    assert [j.effect.id for j in found[2:]] == ["slow-diffusion"]
+
+
+def test_only_one_effect_carries_the_temperature():
+    heating = SelfHeating(heat_capacity=100.0, conductance=0.2, ambient=298.0, start_above=0.0)
+    found = repaired_beside(Joined(effect=heating, model="circ"), found=("resistance-temperature",))
+    assert [j.effect.id for j in found] == ["resistance-temperature", "self-heating"]
+    assert found[1].effect != heating
 
 
 def test_a_moved_parameter_is_put_into_the_cell_itself():
