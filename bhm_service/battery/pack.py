@@ -6,7 +6,7 @@ identification and the search for missing physics run whole recordings through i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,20 +52,20 @@ class PackModel:
             self._slices.append((effect, slice(column, column + len(effect.state_names))))
             column += len(effect.state_names)
         # Only the hooks that are overridden are called: a bare pack pays nothing for the rest.
-        self._current = self._with(lambda e: e.true_current)
-        self._soc0 = self._with(lambda e: e.initial_soc)
-        self._carrying = self._with(lambda e: e.cell_temperature)
-        self._rising = self._with(lambda e: e.temperature_rise)
-        self._modifying = self._with(lambda e: e.modifiers)
-        self._heating = self._with(lambda e: e.heat)
-        self._moving = self._with(lambda e: e.advance)
-        self._adding = self._with(lambda e: e.extra_voltage)
-        self._resisting = self._with(lambda e: e.series_resistance)
-        self._sensing = self._with(lambda e: e.measured_voltage)
+        self._current = self._with("true_current")
+        self._soc0 = self._with("initial_soc")
+        self._carrying = self._with("cell_temperature")
+        self._rising = self._with("temperature_rise")
+        self._modifying = self._with("modifiers")
+        self._heating = self._with("heat")
+        self._moving = self._with("advance")
+        self._adding = self._with("extra_voltage")
+        self._resisting = self._with("series_resistance")
+        self._sensing = self._with("measured_voltage")
         self._feedback = any(effect.feedback for effect in self.effects)
 
-    def _with(self, hook: Callable[[type[Effect]], object]) -> list[tuple[Effect, slice]]:
-        return [(e, where) for e, where in self._slices if hook(type(e)) is not hook(Effect)]
+    def _with(self, hook: str) -> list[tuple[Effect, slice]]:
+        return [(e, where) for e, where in self._slices if hook in e.own_hooks]
 
     @property
     def capacity_c(self) -> Value:

@@ -6,7 +6,7 @@ first quarter; the rest of it is predicted.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -68,28 +68,40 @@ def _pooled(parts: list[tuple[float, int]]) -> float:
     return float(np.sqrt(sum(n * e**2 for e, n in parts) / total))
 
 
-def harmful(found: Search, names: Names, known: dict[Names, list[Array]]) -> bool:
+@dataclass(slots=True)
+class Unseen:
+    """Voltages of flights that no fit saw, from the others; each made once."""
+
+    found: Search
+    _sets: dict[Names, list[Array]] = field(default_factory=dict, init=False)
+    _bare: list[Array] = field(default_factory=list, init=False)
+
+    def by(self, names: Names) -> list[Array]:
+        """With a set of effects. [V]"""
+        if names not in self._sets:
+            self._sets[names] = [_predicted(self.found, names, k) for k in range(len(self.found.base.flights))]
+        return self._sets[names]
+
+    def as_it_is(self) -> list[Array]:
+        """By the battery as it is. [V]"""
+        if not self._bare:
+            flights = range(len(self.found.base.flights))
+            self._bare = [predicted_from_quarter(self.found.base, None, k, self.found.noise) for k in flights]
+        return self._bare
+
+
+def harmful(unseen: Unseen, names: Names) -> bool:
     """Whether the set predicts unseen flights worse than the battery as it is, or than it does without a member."""
+    found = unseen.found
     if not names or len(found.base.flights) < _FEWEST:
         return False
-    whole = _unseen_error(found, names, known)
-    if whole > _NO_WORSE * _as_it_is(found):
+    whole = _error(found, unseen.by(names))
+    if whole > _NO_WORSE * _error(found, unseen.as_it_is()):
         return True
     earned = found.earned(names)
     # Without a member that the flights ask for loudly, the lab's errors are bent far out to take its place.
     faint = [m for m in names if earned[m] < _FAINT * NATS]
-    return len(names) > 1 and any(_unseen_error(found, names - {m}, known) < (1.0 - _BETTER) * whole for m in faint)
-
-
-def _unseen_error(found: Search, names: Names, known: dict[Names, list[Array]]) -> float:
-    if names not in known:
-        known[names] = [_predicted(found, names, k) for k in range(len(found.base.flights))]
-    return _error(found, known[names])
-
-
-def _as_it_is(found: Search) -> float:
-    flights = range(len(found.base.flights))
-    return _error(found, [predicted_from_quarter(found.base, None, k, found.noise) for k in flights])
+    return len(names) > 1 and any(_error(found, unseen.by(names - {m})) < (1.0 - _BETTER) * whole for m in faint)
 
 
 def _error(found: Search, modelled: list[Array]) -> float:
@@ -100,19 +112,18 @@ def _error(found: Search, modelled: list[Array]) -> float:
     return HeldOut(tuple(flights)).after_v
 
 
-def held_out(found: Search, names: Names) -> HeldOut | None:
+def held_out(unseen: Unseen, names: Names) -> HeldOut | None:
     """Predict every flight from the others, without and with a set of effects; None with fewer than three flights."""
-    count = len(found.base.flights)
-    if count < _FEWEST:
+    found = unseen.found
+    if len(found.base.flights) < _FEWEST:
         return None
-    flights = []
-    for k, data in enumerate(found.base.flights):
-        before = predicted_from_quarter(found.base, None, k, found.noise)
-        tuned = _predicted(found, frozenset(), k)
-        after = _predicted(found, names, k) if names else tuned
-        begin = int(np.ceil(_SEEN * data.time_s.size))
-        flights.append(LeftOutFlight(data.label, before, tuned, after, data.voltage_v, begin))
-    return HeldOut(tuple(flights))
+    ways = zip(unseen.as_it_is(), unseen.by(frozenset()), unseen.by(names), strict=True)
+    return HeldOut(
+        tuple(
+            LeftOutFlight(f.label, *modelled, f.voltage_v, int(np.ceil(_SEEN * f.time_s.size)))
+            for f, modelled in zip(found.base.flights, ways, strict=True)
+        )
+    )
 
 
 def _predicted(found: Search, names: Names, left: int) -> Array:

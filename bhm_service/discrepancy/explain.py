@@ -12,7 +12,7 @@ from bhm_service.config import Vehicle
 from bhm_service.discrepancy import verdict
 from bhm_service.discrepancy.advice import advice
 from bhm_service.discrepancy.candidate import Candidate, NotExcited, candidates
-from bhm_service.discrepancy.confirm import HeldOut, harmful, held_out
+from bhm_service.discrepancy.confirm import HeldOut, Unseen, harmful, held_out
 from bhm_service.discrepancy.crossing import Witness, witness
 from bhm_service.discrepancy.decoys import contests
 from bhm_service.discrepancy.demand_side import demand_side
@@ -71,11 +71,12 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
     progress("which of them stands")
     rng = np.random.default_rng(_SEED)
     second = _witness(request, found, flights)
-    chosen, p_values, rivals = _significant(found, second, rng)
+    unseen = Unseen(found)
+    chosen, p_values, rivals = _significant(unseen, second, rng)
     chosen, leftover = _outweighed(found, chosen)
     fitted = found.fitted(chosen.names)
     progress("flights that no fit saw")
-    proof = held_out(found, chosen.names)
+    proof = held_out(unseen, chosen.names)
     progress("the course of every flight")
     courses = courses_of(base, fitted)
     dull = [
@@ -140,21 +141,21 @@ def _witness(request: Request, found: Search, flights: tuple[FlightData, ...]) -
 
 
 def _significant(
-    found: Search, second: Witness | None, rng: np.random.Generator
+    unseen: Unseen, second: Witness | None, rng: np.random.Generator
 ) -> tuple[Selection, dict[str, float], list[Contest]]:
     """The best set that beats noise, is beaten by no phantom, harms on no unseen flight and has the other model's word.
 
     With it its members' odds in noise, and its contests with phantoms. Sets are dropped one by one; a catalogue of
     which the best are all refuted has nothing to say.
     """
+    found = unseen.found
     refuted: list[Names] = []
-    unseen: dict[Names, list[Array]] = {}
     for _ in range(_MOST_REFUTED):
         chosen = select(found, refuted)
         p_values = familywise(found, chosen.names, rng)
         if not chosen.names:
             return chosen, p_values, []
-        if all(p <= _SIGNIFICANT for p in p_values.values()) and not harmful(found, chosen.names, unseen):
+        if all(p <= _SIGNIFICANT for p in p_values.values()) and not harmful(unseen, chosen.names):
             rivals = contests(found, chosen.names, rng)
             beaten = any(c.nats < -NEAR for c in rivals)
             if not beaten and (second is None or _witnessed(second.earned(chosen.names))):

@@ -216,27 +216,20 @@ class Joint:
         wide = np.broadcast_to(run.voltage, (everything.shape[0], *group.time_s.shape))
         soc = np.broadcast_to(run.soc, wide.shape)[0]
         members = wide[0] - wide[points.shape[0] :]
-        voltage = wide[: points.shape[0]] + self._beside(points, members, group, soc, forms)
+        voltage = wide[: points.shape[0]] + self._beside(points, group, soc)
         if forms:
-            self._follow(voltage, points, wide, group, soc)
+            self._shape(voltage, points, wide, members, group, soc)
         rested = None
         if any(f.notes.rest_voltage_v is not None for f in group.flights):
             bends = self.lab.bent_v(points[:, self._lab_adding], soc[:, -1])
             rested = self._rested(pack, group, run)[: points.shape[0]] + bends
         return _Run(voltage, rested, soc, members)
 
-    def _beside(self, points: Array, members: Array, group: Abreast, soc: Array, forms: bool) -> Array:
-        """What the numbers that only add do add to the voltage (1 or M, F, T)."""
-        adding = points[:, self._adding]
-        rows = points[:1] if (adding == adding[0]).all() else points
-        sizes = rows[:, self._lab_adding]
-        total = np.stack([self.lab.beside(own, group.followed_a, group.current_a, soc) for own in sizes])
-        for (_, places), own in zip(self._own if forms else (), members, strict=False):
-            for volts, x in zip(total, rows, strict=True):
-                form = x[places[group.places]]
-                if form.any():
-                    volts += _formed(form, own, group, soc)
-        return total
+    def _beside(self, points: Array, group: Abreast, soc: Array) -> Array:
+        """What the lab's errors that only add do add to the voltage (1 or M, F, T)."""
+        sizes = points[:, self._lab_adding]
+        rows = sizes[:1] if (sizes == sizes[0]).all() else sizes
+        return np.stack([self.lab.beside(own, group.followed_a, group.current_a, soc) for own in rows])
 
     def _added(self, run: _Run, group: Abreast) -> Array:
         """What one of each number of `_additions` adds to the voltage; (numbers, F, T)."""
@@ -246,13 +239,20 @@ class Joint:
         forms = np.swapaxes(_form_shapes(run.members, group, run.soc), 0, 1)
         return np.concatenate([lab, forms.reshape(-1, *run.soc.shape)])
 
-    def _follow(self, voltage: Array, points: Array, wide: Array, group: Abreast, soc: Array) -> None:
-        """Let what a member's form adds follow the member: without it the slopes along its numbers are not true."""
-        for effects, forms in self._own:
-            own, form = np.ravel(effects[group.places]), points[0, forms[group.places]]
-            moved = np.flatnonzero((points[:, own] != points[0, own]).any(axis=1))
-            if moved.size and form.any():
-                voltage[moved] += _formed(form, wide[moved] - wide[0], group, soc)
+    def _shape(self, voltage: Array, points: Array, wide: Array, members: Array, group: Abreast, soc: Array) -> None:
+        """Add what the members' forms add to what they do in the first vector, and let it follow them in the others.
+
+        Without that the slopes along their numbers are not true.
+        """
+        for (effects, forms), added in zip(self._own, members, strict=True):
+            own, form = np.ravel(effects[group.places]), points[:, forms[group.places]]
+            if form[0].any():
+                moved = np.flatnonzero((points[:, own] != points[0, own]).any(axis=1))
+                found = _formed(form[0], np.concatenate([added[None], wide[moved] - wide[0]]), group, soc)
+                voltage += found[0]
+                voltage[moved] += found[1:]
+            for row in np.flatnonzero((form != form[0]).any(axis=(1, 2))):
+                voltage[row] += _formed(form[row] - form[0], added, group, soc)
 
     def _rested(self, flown: PackModel, group: Abreast, run: Simulation) -> Array:
         """After landing the pack is unplugged: nothing flows, and another meter reads it; (M, F)."""
@@ -278,7 +278,7 @@ class Joint:
         """The same of flights side by side (.., F, T)."""
         ohm = self.lab.ohm * self.lab.ohmic_share * self.lab.series / self.lab.parallel
         beside = noise.sudden * (ohm * group.sudden_a) / noise.sigma_v
-        return noise.whitened(series) / np.sqrt(1.0 + beside**2)
+        return noise.whitened(series, np.sqrt(1.0 + beside**2))
 
     def _rows(self, run: _Run, group: Abreast, noise: Noise) -> list[Array]:
         """Whitened residuals of each flight, nothing where no voltage was read, and the rested one; (M, rows) each."""
@@ -323,14 +323,14 @@ class Joint:
             parts = zip(group.places.tolist(), group.flights, self._rows(run, group, noise), strict=True)
             for k, (flight, data, rows) in enumerate(parts):
                 count, moved, places = data.time_s.size, used[flight], self._additions[flight]
-                slope = np.zeros((rows.shape[1], x.size))
-                slope[:, moved] = ((rows[1:] - rows[0]) / (steps[moved] / self.scale[moved])[:, None]).T
-                slope[:count, places] = -white[:, k, :count].T * self.scale[places]
-                slope[:count][group.unread[k, :count]] = 0.0
+                slope = np.zeros((x.size, rows.shape[1]))  # a number's slopes lie side by side: they are made so
+                slope[moved] = (rows[1:] - rows[0]) * (self.scale[moved] / steps[moved])[:, None]
+                slope[places, :count] = white[:, k, :count] * -self.scale[places][:, None]
+                slope[:, :count][:, group.unread[k, :count]] = 0.0
                 if rows.shape[1] > count:
                     bends = places[: BEND_SOC.size]
-                    slope[-1, bends] = -added[: BEND_SOC.size, k, count - 1] * self.scale[bends] / self._rest_sd_v
-                found[flight] = rows[0], slope
+                    slope[bends, -1] = -added[: BEND_SOC.size, k, count - 1] * self.scale[bends] / self._rest_sd_v
+                found[flight] = rows[0], slope.T
         return [found[k][0] for k in range(len(self.flights))], [found[k][1] for k in range(len(self.flights))]
 
     def slopes_of(self, member: Candidate, x: Array, noise: Noise) -> list[Array]:
@@ -348,20 +348,17 @@ class Joint:
             wide = np.broadcast_to(run.voltage, (points.shape[0], *group.time_s.shape))
             soc = np.broadcast_to(run.soc, wide.shape)[0]
             voltage = wide.copy()
-            self._follow(voltage, points, wide, group, soc)  # a companion may be another member's as well
+            # A companion may be another member's as well. What that one does in the first vector is the same in all.
+            self._shape(voltage, points, wide, np.zeros((len(self.members), *soc.shape)), group, soc)
             rested = None
             if any(f.notes.rest_voltage_v is not None for f in group.flights):
                 rested = self._rested(pack, group, run)
             rows = self._rows(_Run(voltage, rested, soc, wide[:0]), group, noise)
             for flight, off in zip(group.places.tolist(), rows, strict=True):
                 moved = used[flight]
-                slope = np.zeros((off.shape[1], own.size))
-                slope[:, np.searchsorted(own, moved)] = (
-                    (off[1:] - off[0]) / (steps[moved] / self.scale[moved])[:, None]
-                ).T
-                unread = ~np.isfinite(self.flights[flight].voltage_v)
-                slope[: unread.size][unread] = 0.0
-                found[flight] = slope
+                slope = np.zeros((own.size, off.shape[1]))
+                slope[np.searchsorted(own, moved)] = (off[1:] - off[0]) * (self.scale[moved] / steps[moved])[:, None]
+                found[flight] = slope.T
         return [found[k] for k in range(len(self.flights))]
 
     def _moved(self, x: Array, used: Places) -> tuple[Array, Array]:

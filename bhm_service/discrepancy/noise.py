@@ -46,14 +46,15 @@ class Noise:
         later = float(np.sum((1.0 - lags / width) * first * self.phi ** (lags - 1)))
         return float(self.sigma_v * np.sqrt((self._gain + 2.0 * later) / width))
 
-    def whitened(self, residual: Array) -> Array:
-        """Innovations in standard deviations, along the last axis."""
-        scale = self.sigma_v * np.sqrt(self.doubt)
+    def whitened(self, residual: Array, beside: Array | float = 1.0) -> Array:
+        """Innovations along the last axis, in standard deviations or ``beside`` times (.., T) those."""
+        scale = self.sigma_v * np.sqrt(self.doubt) * beside
+        white = np.empty(residual.shape)
         # The first sample counts for what the process does on average, and the filter starts from there.
-        first = residual[..., :1] / np.sqrt(self._gain)
-        carried = self.theta * first - self.phi * residual[..., :1]
-        later, _ = lfilter([1.0, -self.phi], [1.0, -self.theta], residual[..., 1:], axis=-1, zi=carried)
-        white: Array = np.concatenate([first, later], axis=-1) / scale
+        np.divide(residual[..., :1], np.sqrt(self._gain), out=white[..., :1])
+        carried = self.theta * white[..., :1] - self.phi * residual[..., :1]
+        white[..., 1:], _ = lfilter([1.0, -self.phi], [1.0, -self.theta], residual[..., 1:], axis=-1, zi=carried)
+        white /= scale
         return white
 
 

@@ -59,6 +59,8 @@ class Search:
     noise: Noise
     snr: dict[str, float] = field(default_factory=dict)  # expected of each candidate at its usual size
     fits: dict[Names, Fitted] = field(default_factory=dict)
+    _joints: dict[Names, Joint] = field(default_factory=dict, init=False)
+    _added: dict[Names, Array] = field(default_factory=dict, init=False)
 
     def fitted(self, names: Names, start: Fitted | None = None) -> Fitted:
         """The fit of a set, begun from a smaller set's where one is given."""
@@ -70,8 +72,17 @@ class Search:
 
     def joint(self, names: Names) -> Joint:
         """The hypothesis of a set."""
-        members = tuple(c for c in self.candidates if c.id in names)
-        return Joint(self.base.lab, self.base.flights, members, self.base.start_sd)
+        if names not in self._joints:
+            members = tuple(c for c in self.candidates if c.id in names)
+            self._joints[names] = Joint(self.base.lab, self.base.flights, members, self.base.start_sd)
+        return self._joints[names]
+
+    def added(self, names: Names) -> Array:
+        """What each member of a set adds to the pack's voltage over all flights [V]; (members, samples)."""
+        if names not in self._added:
+            at = self.fitted(names)
+            self._added[names] = np.concatenate([p.members for p in at.joint.all_predicted(at.x[None, :])], axis=1)
+        return self._added[names]
 
     def gains(self, names: Names) -> dict[str, float]:
         """What each other candidate is expected to add to a set's evidence, by one linear step. [nats]"""

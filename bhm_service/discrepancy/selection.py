@@ -54,7 +54,7 @@ def select(found: Search, refuted: Collection[Names] = ()) -> Selection:
     if not near:
         return NOTHING
     chosen = near[0]
-    return Selection(chosen, tuple(near[1:]), found.earned(chosen), added(found.fitted(chosen)))
+    return Selection(chosen, tuple(near[1:]), found.earned(chosen), added(found, chosen))
 
 
 def _near(found: Search, refuted: Collection[Names]) -> list[Names]:
@@ -122,7 +122,7 @@ def share(found: Search, names: Names) -> float:
 def _shares(found: Search, names: Names) -> list[float]:
     """That of a set, then what each member explains where it is felt beside the others."""
     known = np.isfinite(np.concatenate([f.voltage_v for f in found.base.flights]))
-    parts = np.concatenate(_added(found.fitted(names)), axis=1)[:, known]
+    parts = found.added(names)[:, known]
     misfit = np.concatenate(found.base.misfits)[known]
     whole = parts.sum(axis=0)
 
@@ -136,7 +136,7 @@ def _shares(found: Search, names: Names) -> list[float]:
 
 def _matters(found: Search, names: Names) -> bool:
     """Whether every member earns its place and moves the voltage by what anybody could care for."""
-    volts = added(found.fitted(names))
+    volts = added(found, names)
     series = found.base.lab.series
     if any(v < series * _LEAST.get(name, LEAST_V) for name, v in volts.items()):
         return False
@@ -168,14 +168,10 @@ def _separable(found: Search, names: Names) -> bool:
     return len(hidden) <= 1 and not any(set(EFFECTS[h].mimics) & names for h in hidden)
 
 
-def added(fitted: Fitted) -> dict[str, float]:
+def added(found: Search, names: Names) -> dict[str, float]:
     """RMS of what each member adds to the pack's voltage over all flights. [V]"""
-    parts = np.concatenate(_added(fitted), axis=1)
-    return {member.id: float(np.sqrt(np.mean(parts[k] ** 2))) for k, member in enumerate(fitted.joint.members)}
-
-
-def _added(fitted: Fitted) -> list[Array]:
-    return [modelled.members for modelled in fitted.joint.all_predicted(fitted.x[None, :])]
+    members = found.fitted(names).joint.members
+    return {m.id: float(np.sqrt(np.mean(v**2))) for m, v in zip(members, found.added(names), strict=True)}
 
 
 def _physical(fitted: Fitted) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from discrepancy.flown import four, searching
 
-from bhm_service.discrepancy.confirm import harmful, held_out
+from bhm_service.discrepancy.confirm import Unseen, harmful, held_out
 
 FADE = frozenset({"capacity-fade"})
 FLIGHTS = four("capacity-fade", seed=3)
@@ -24,7 +24,7 @@ def changed_later(flight, volts):
 
 @pytest.fixture(scope="module")
 def proof():
-    return held_out(searching(FLIGHTS, FADE), FADE)
+    return held_out(Unseen(searching(FLIGHTS, FADE)), FADE)
 
 
 def test_the_effect_is_confirmed_on_every_flight(proof):
@@ -46,7 +46,7 @@ def test_only_what_was_not_seen_is_scored(proof):
 def test_what_a_held_out_flight_measured_later_does_not_reach_its_prediction(proof, volts):
     """Its last three quarters are put off; what is predicted of it must not follow."""
     other = [changed_later(FLIGHTS[0], volts), *FLIGHTS[1:]]
-    found = held_out(searching(other, FADE), FADE)
+    found = held_out(Unseen(searching(other, FADE)), FADE)
     moved = found.flights[0].after_v - proof.flights[0].after_v
     assert np.abs(moved).max() < 0.001
     # What the others are told by it does change, so it is not simply ignored.
@@ -54,13 +54,13 @@ def test_what_a_held_out_flight_measured_later_does_not_reach_its_prediction(pro
 
 
 def test_two_flights_are_too_few_to_hold_one_out():
-    assert held_out(searching(FLIGHTS[:2], FADE), FADE) is None
+    assert held_out(Unseen(searching(FLIGHTS[:2], FADE)), FADE) is None
 
 
 def test_a_single_effect_is_nobodys_harmful_companion():
-    assert not harmful(searching(FLIGHTS, FADE), FADE, {})
+    assert not harmful(Unseen(searching(FLIGHTS, FADE)), FADE)
 
 
 def test_a_companion_that_helps_is_not_harmful():
     both = frozenset({"capacity-fade", "resistance-growth"})
-    assert not harmful(searching(FLIGHTS, both), FADE | {"resistance-growth"}, {})
+    assert not harmful(Unseen(searching(FLIGHTS, both)), FADE | {"resistance-growth"})

@@ -7,6 +7,7 @@ Parameters are floats, or arrays (M, 1) that broadcast against states (T,) or (M
 
 from __future__ import annotations
 
+from types import FunctionType
 from typing import ClassVar, NamedTuple
 
 from bhm_service.battery.cell import UNMODIFIED, CellModel, Modifiers
@@ -88,6 +89,12 @@ class Effect(Physics):
     state_names: ClassVar[tuple[str, ...]] = ()
     # Its states act on the current, the heat or the modifiers that move them, or its modifiers depend on SoC.
     feedback: ClassVar[bool] = False
+    own_hooks: ClassVar[frozenset[str]] = frozenset()  # those that are not left the identity
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        hooks = {name: own for name, own in vars(Effect).items() if isinstance(own, FunctionType)}
+        cls.own_hooks = frozenset(name for name, identity in hooks.items() if getattr(cls, name) is not identity)
 
     def start(self) -> tuple[Value, ...]:
         """Its states before the first sample."""
