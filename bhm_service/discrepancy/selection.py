@@ -12,14 +12,16 @@ from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.search import COMPANIONS, NATS, NEAR, STRUCTURAL, Names, Search, needed
 from bhm_service.units import Array
 
-_CLAIM_NATS = 20.0  # for anything to be said at all: one wrong story in a hundred fleets is too many
+# What has to be explained by the equations themselves before anything is said: one wrong story in a hundred fleets is
+# too many.
+_CLAIM_NATS = 16.0
 _RIVALS = 6  # beside its mimics that a member of a set is held against
 _RIVALRIES = 3  # times that the chosen set's members are held against their mimics, at most
 LEAST_V = 0.001  # [V] of a cell: what adds less than this to the voltage changes nothing that anybody flies by
 _STRUCTURAL_V = 0.004  # [V] of a cell: the same for what looks like an error of the model's structure
 _BEYOND = 2.0  # times what the lab leaves open, which bends every curve: less is no other shape
 _LEAST = dict.fromkeys(STRUCTURAL - {"time-skew"}, _STRUCTURAL_V)  # a skew shows at steps only
-MUCH = 0.4  # of the misfit's power: what explains less of it by itself is not the explanation
+MUCH = 0.4  # of the misfit's power: what explains less of it by itself has to earn the more for it
 _FELT = 0.1  # of what an effect adds at most
 _REACH = 0.995  # of the way to a bound of what is physical
 # The commoner first: what stands beside another cause, or is an error of a model's structure, comes last.
@@ -73,9 +75,11 @@ def _near(found: Search, refuted: Collection[Names]) -> list[Names]:
         valid.append(names)
         if better:
             best, most = names, nats
-    if most < _CLAIM_NATS or _beyond_physics(found, refuted, most + NATS):
-        return []
     near = [names for names in valid if len(names) <= len(best) and found.evidence(names) > most - NEAR]
+    if not any(_credit(found, names) > _CLAIM_NATS for names in near):
+        return []
+    if _beyond_physics(found, refuted, most + NATS):
+        return []
     return sorted(near, key=lambda names: (len(names), _order(names), -found.evidence(names)))
 
 
@@ -103,15 +107,21 @@ def _stands(found: Search, names: Names) -> bool:
 
 
 def _explains(found: Search, names: Names) -> bool:
-    """Whether the members by themselves explain much of the misfit, and each of them some beside the others.
+    """Whether the members by themselves explain enough of the misfit, and each of them some beside the others.
 
-    A set can earn much by what it lets the lab's errors do, while by its equations alone it makes the battery worse.
+    A set can earn much by what it lets the lab's errors do, while by its equations alone it makes the battery worse:
+    its evidence counts as far as the equations go. What the lab was off by besides may be the larger part.
     Of a pack that no lab has seen there is no telling: what its battery is off by is mostly the lab's error.
     """
     if not found.base.lab.identified:
         return True
     whole, *others = _shares(found, names)
-    return whole > MUCH and all(alone > 0.0 for alone in others)
+    return (whole > MUCH or _credit(found, names) > _CLAIM_NATS) and all(alone > 0.0 for alone in others)
+
+
+def _credit(found: Search, names: Names) -> float:
+    """Of a set's evidence, what its equations have by themselves. [nats]"""
+    return found.evidence(names) * (share(found, names) if found.base.lab.identified else 1.0)
 
 
 def share(found: Search, names: Names) -> float:

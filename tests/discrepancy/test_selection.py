@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
-from discrepancy.flown import flown, searching
+from battery.cells import CAPACITY_C
+from discrepancy.flown import AMBIENT_K, SERIES, flown, searching
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.search import NATS
-from bhm_service.discrepancy.selection import select, share
+from bhm_service.discrepancy.selection import MUCH, select, share
 
 FADE, CONTACT = frozenset({"capacity-fade"}), frozenset({"contact-resistance"})
 
@@ -52,3 +54,16 @@ def test_what_a_refuted_set_leaves_to_be_had_is_no_explanation(both):
     alone = replace(both, fits={**both.fits, FADE | CONTACT: hopeless})
     assert select(alone).names == strong
     assert select(alone, [strong]).names == frozenset()
+
+
+def test_what_the_lab_was_off_by_besides_does_not_hide_an_effect_of_much_evidence():
+    """Resistance moves with temperature by 6 kJ/mol; the open-circuit curve is off by up to 25 mV a cell as well."""
+    effects = [EFFECTS["resistance-temperature"](activation_energy=6e3)]
+    flights = [flown(effects, number=k, kelvin=kelvin) for k, kelvin in enumerate(AMBIENT_K)]
+    off = [0.025 * SERIES * np.sin(2.0 * np.pi * f.charge_c / CAPACITY_C) for f in flights]
+    warmth = frozenset({"resistance-temperature"})
+    found = searching([replace(f, voltage_v=f.voltage_v + v) for f, v in zip(flights, off, strict=True)], warmth)
+    found.fitted(frozenset())
+    found.fitted(warmth)
+    assert 0.0 < share(found, warmth) < MUCH
+    assert select(found).names == warmth
