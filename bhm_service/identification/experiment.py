@@ -10,7 +10,8 @@ import numpy as np
 from bhm_service.units import SECONDS_PER_HOUR, Array, Flags
 
 _STEADY = 0.02  # of the largest current: a change below it does not end a bin
-_KEPT_STEP_V = 0.004  # [V] nor does one of the voltage below this
+_KEPT_STEP_V, _KEPT_STEP_NOISE = 0.004, 6.0  # [V] and standard deviations of noise: nor does one of the voltage below
+_EVEN = 0.1  # of the time between samples: how far it may change where noise is looked for
 _LOADED = 0.05  # of the largest current: above, a sample is under load
 _LONGEST_WEIGHT_S = 60.0  # a sample does not speak for longer than this
 
@@ -116,13 +117,23 @@ class Experiment:
             temperature_k=None if kelvin is None else pairs(kelvin[edges], kelvin[ends]),
         )
 
+    def _noise_v(self, tolerance_a: float) -> float:
+        """Standard deviation of voltages about their neighbours', where current and sampling are steady. [V]"""
+        between = np.diff(self.time_s)
+        same = np.abs(np.diff(self.current_a)) <= tolerance_a
+        steady = same[1:] & same[:-1] & (np.abs(np.diff(between)) <= _EVEN * between[1:])
+        bends = np.diff(self.voltage_v, 2)[steady]
+        bends = bends[np.isfinite(bends)]
+        return 1.48 * float(np.median(np.abs(bends))) / 6.0**0.5 if bends.size else 0.0
+
     def _edges(self, longest_s: float) -> np.ndarray:
         """First samples of runs of steady current and voltage."""
         tolerance = _STEADY * float(np.max(np.abs(self.current_a)))
+        kept_step = max(_KEPT_STEP_V, _KEPT_STEP_NOISE * self._noise_v(tolerance))
         edges, begin = [0], 0
         t, i, v = self.time_s.tolist(), self.current_a.tolist(), self.voltage_v.tolist()
         for k in range(1, len(t)):
-            jump = abs(i[k] - i[begin]) > tolerance or not abs(v[k] - v[begin]) < _KEPT_STEP_V
+            jump = abs(i[k] - i[begin]) > tolerance or not abs(v[k] - v[begin]) < kept_step
             if jump or t[k] - t[begin] >= longest_s:
                 edges.append(k)
                 begin = k

@@ -56,6 +56,15 @@ def test_thinning_averages_noise_and_moves_no_voltage():
     assert float(np.std(off[slow])) < 0.001
 
 
+def test_noise_is_no_step_of_the_voltage():
+    """Fifty hours at one hertz of a voltage that jumps by millivolts from sample to sample say the same thing."""
+    noisy = recording(noise_v=0.003)
+    thin = noisy.thinned(300)
+    assert thin.time_s.size < 1.3 * recording(noise_v=0.0).thinned(300).time_s.size
+    at_step = np.abs(thin.time_s - 12_000.0) < 2.0
+    assert np.ptp(thin.voltage_v[at_step]) > 0.04  # 3.5 A more through 20 mOhm
+
+
 def test_a_short_recording_stays_as_it_is():
     short = recording(seconds=1000)
     assert short.thinned(1500) is short
