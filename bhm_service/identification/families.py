@@ -87,6 +87,10 @@ class Family(ABC):
         """State of charge at which the curve is read in these states (..., T)."""
         return states[0]
 
+    def exchanged(self, unknowns: Unknowns, x: Array) -> list[Array]:
+        """Places near as likely as ``x``, where parts of the model have each other's time constants."""
+        return []
+
     def labelled(self, unknowns: Unknowns, x: Array) -> Array:
         """The same cell under the names that are usual, where a model's equations do not tell two parts apart."""
         return x
@@ -206,6 +210,12 @@ class ChemFamily(Family):
                     _put(unknowns, moved, name, float(np.log(lag)))
                 found.append(moved)
         return found
+
+    def exchanged(self, unknowns: Unknowns, x: Array) -> list[Array]:
+        one, other = unknowns.slice_of("tau_p"), unknowns.slice_of("tau_n")
+        moved = x.copy()
+        moved[one], moved[other] = x[other], x[one]
+        return [moved]
 
     def labelled(self, unknowns: Unknowns, x: Array) -> Array:
         # The equations of both electrodes are the same: the positive one is taken to be the slower, as in what ships.

@@ -25,6 +25,7 @@ from bhm_service.identification.premises import EXACT, Premises, premises_of, pr
 from bhm_service.identification.problem import Problem, problem_of
 from bhm_service.identification.solve import Method, Solution, solve
 from bhm_service.identification.spread import Spread, likeliest, not_told, spread
+from bhm_service.units import Array
 
 Ocv = Literal["auto", "spline", "cubic"]
 
@@ -122,7 +123,10 @@ def _one(
         progress(f"{model}: all together")
         solution = solve(problem, starts=[likeliest(first.problem, rivals)])
         for _ in range(_DOUBTS):
-            solution = solve(problem.doubting(solution.x), starts=[solution.x])
+            solution = solve(problem.doubting(solution.x).as_followed(solution.x), starts=[solution.x])
+        # Whose time constant is whose is told by little: by all samples, counted as closely as they are followed.
+        rivals = [solution.x, *family.exchanged(problem.unknowns, solution.x)]
+        solution = min((_named(solution.problem, x) for x in rivals), key=lambda s: s.cost)
     progress(f"{model}: what is left open")
     spread_ = spread(solution)
     assessments = [
@@ -149,6 +153,13 @@ def _one(
         remarks=tuple(remarks),
         unseen_v=unseen,
     )
+
+
+def _named(problem: Problem, x: Array) -> Solution:
+    """Where a fit from ``x`` comes to rest, under the names that are usual."""
+    found = solve(problem, starts=[x])
+    named = problem.family.labelled(problem.unknowns, found.x)
+    return found if named is found.x else solve(problem, starts=[named])
 
 
 def _family(model: ModelName, request: Request, premises: Premises) -> Family:

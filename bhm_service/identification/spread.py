@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bhm_service.identification.problem import Problem
+from bhm_service.identification.problem import Problem, lasting, power
 from bhm_service.identification.solve import Solution
 from bhm_service.units import Array
 
 _SEGMENTS = 16  # of every recording, for the bootstrap
 _REPLICATES = 200
+_WITHIN_ONE_SD = (0.1587, 0.8413)
 _UNKNOWN_SHARE = 0.7  # a number whose spread is still this share of its prior's was not told by the recordings
 _ALIKE = 0.95  # correlation beyond which two numbers are not told apart
 
@@ -51,7 +52,7 @@ def spread(solution: Solution, seed: int = 1, *, as_expected: bool = False) -> S
     for number, used in enumerate(problem.used):
         count = int(used.sum())
         j, r = jacobian[at : at + count], residual[at : at + count]
-        inflation = _lasting(r)
+        inflation = lasting(r)
         # Weighted residuals r = w e: with e of equal variance, J^T W S W J is the sum of w^2 e^2 terms.
         meat += inflation * (j * (r**2)[:, None]).T @ j
         for piece in np.array_split(np.arange(count), _SEGMENTS):
@@ -88,19 +89,8 @@ def likeliest(problem: Problem, candidates: Sequence[Array]) -> Array:
     closest = rows[int(np.argmin(sum(part.sum(axis=1) for part in data[:-1])))]
     score = data[-1].sum(axis=1)
     for part, residual in zip(data[:-1], np.split(closest, ends)[:-1], strict=True):
-        score = score + part.sum(axis=1) / max(float(np.mean(residual**2)) * _lasting(residual), 1e-300)
+        score = score + part.sum(axis=1) / power(residual)
     return candidates[int(np.argmin(score))]
-
-
-def _lasting(residual: Array) -> float:
-    """By how much the variance of a mean of these is larger than if they were independent."""
-    centred = residual - residual.mean()
-    power = float(centred @ centred)
-    if power <= 0.0 or residual.size < 10:
-        return 1.0
-    lag_one = float(centred[1:] @ centred[:-1]) / power
-    lag_one = min(max(lag_one, 0.0), 0.98)
-    return (1.0 + lag_one) / (1.0 - lag_one)
 
 
 def _bootstrap(
@@ -123,7 +113,8 @@ def _bootstrap(
         )
         matrix = curvatures[chosen].sum(axis=0) + prior + ridge
         steps[k] = np.linalg.solve(matrix, gradients[chosen].sum(axis=0) - mean_gradient)
-    return np.asarray(steps.std(axis=0))
+    # Where few segments tell a number, a draw without them steps out of all proportion: such draws are not the spread.
+    return np.asarray(0.5 * np.diff(np.quantile(steps, _WITHIN_ONE_SD, axis=0), axis=0)[0])
 
 
 def _alike(names: list[str], covariance: Array) -> tuple[tuple[str, str, float], ...]:

@@ -28,10 +28,11 @@ class Resistance(Family):
     name = "circ"
     time_constants: ClassVar[tuple[str, ...]] = ()
     count: int = 1
+    first: float = OHM  # what was known of their sum before
     prior_sd: float = 1.0
 
     def blocks(self):
-        return [numbers(f"r_{k}", np.array([OHM / self.count]), self.prior_sd, 1.0) for k in range(self.count)]
+        return [numbers(f"r_{k}", np.array([self.first / self.count]), self.prior_sd, 1.0) for k in range(self.count)]
 
     def cell(self, values):
         total = sum(values[f"r_{k}"] for k in range(self.count))
@@ -87,6 +88,53 @@ def test_errors_that_last_widen_the_spread():
     lasting = np.convolve(rng.standard_normal(1200 + 19), np.ones(20) / 20**0.5, mode="valid") * NOISE_V
     narrow, wide = (spread(fitted(rng, noise=noise)[0]).covariance[0, 0] for noise in (white, lasting))
     assert wide > 4.0 * narrow
+
+
+@dataclass(frozen=True, kw_only=True)
+class OhmAndPair(Resistance):
+    """Ohmic resistance and that of a pair, which only the seconds after a step tell apart."""
+
+    def blocks(self):
+        return [numbers("r_s", np.array([0.004]), 0.02, 1.0), numbers("r_sp0", np.array([0.003]), 0.02, 1.0)]
+
+    def cell(self, values):
+        return circ(ocv=CURVE, c_max=self.capacity_c, r_s=values["r_s"], r_sp0=values["r_sp0"], r_sp1=0.0)
+
+
+def test_the_bootstrap_is_not_led_by_draws_that_lack_what_tells_a_number():
+    """Two steps in sixteen segments: a draw that has neither tells nothing of which resistance is which."""
+    t = np.arange(1600.0)
+    current = np.where((t >= 140.0) & (t < 440.0), 7.0, 4.0)
+    clean = PackModel(circ(r_s=OHM, r_sp0=0.003, r_sp1=0.0), 1).simulate(t, current, 0.9).voltage
+    for seed in range(12, 15):
+        volts = clean + NOISE_V * np.random.default_rng(seed).standard_normal(t.size)
+        run = Experiment(label="steps", kind=Kind.VARIABLE, time_s=t, current_a=current, voltage_v=volts)
+        unknown = OhmAndPair(capacity_c=CAPACITY_C, curve=CURVE, curve_sd=0.001)
+        found = spread(solve(problem_of(unknown, [run], [(0.9, KNOWN)], [KNOWN])))
+        by_covariance = np.sqrt(np.diag(found.covariance)[:2])
+        assert np.all(found.bootstrap_sd[:2] < 2.0 * by_covariance), (seed, found.bootstrap_sd, by_covariance)
+
+
+def off_and_sd(solution):
+    return abs(float(solution.x[0]) - OHM), spread(solution).sd(0)
+
+
+def test_a_prior_pulls_no_harder_than_it_is_known_where_recordings_know_better():
+    """A cell that is followed to 0.3 mV, not to the 4 mV that a fit begins with; a prior off by three of its sd."""
+    rng = np.random.default_rng(9)
+    solution, _ = fitted(rng, lambda: family(first=1.3 * OHM, prior_sd=0.1 * OHM), 0.0003 * rng.standard_normal(1200))
+    pulled, sd = off_and_sd(solution)
+    assert pulled > 3.0 * sd
+    free, sd = off_and_sd(solve(solution.problem.as_followed(solution.x), starts=[solution.x]))
+    assert free < 3.0 * sd
+
+
+def test_recordings_that_a_model_does_not_follow_keep_the_weight_that_they_had():
+    rng = np.random.default_rng(10)
+    wave = 0.02 * np.sin(np.arange(1200.0) / 60.0)
+    solution, _ = fitted(rng, noise=wave + 0.0003 * rng.standard_normal(1200))
+    weights, followed = solution.problem.weights()[0], solution.problem.as_followed(solution.x).weights()[0]
+    assert np.array_equal(weights, followed)
 
 
 def test_two_resistances_in_series_are_not_told_apart_and_neither_is_told():
