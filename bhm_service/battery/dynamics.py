@@ -86,7 +86,9 @@ class Course:
 
     def begin(self, start: Value, ends: Value) -> Array:
         ends = np.asarray(ends)
-        shape = np.broadcast_shapes(ends.shape[:-1], np.shape(start)[:-1])
+        shape, own = ends.shape[:-1], np.shape(start)[:-1]
+        if own and own != shape:
+            shape = np.broadcast_shapes(shape, own)
         shifted = np.empty((*shape, self.dt.shape[-1]))
         shifted[..., :1] = start
         shifted[..., 1:] = ends[..., :-1]

@@ -68,11 +68,8 @@ class ResistanceGrowth(Effect):
     source: ClassVar[str] = "impedance over life of NASA PCoE B0005-B0018 (Re and Rct both rise); +20..100 %"
     excited_by: ClassVar[str] = "throttle steps, packs of different age"
     mimics: ClassVar[tuple[str, ...]] = (
-        "resistance-temperature",
-        "contact-resistance",
-        "charge-transfer",
-        "current-gain",
-    )
+        "resistance-temperature", "contact-resistance", "charge-transfer", "current-gain",
+    )  # fmt: skip
     manoeuvre: ClassVar[str] = "fly an old and a new pack on the same day; measure at the cells and at the board"
 
     growth: Value = parameter(
