@@ -43,7 +43,7 @@ class TrueFlight:
     soc: tuple[float, ...]
     core_c: tuple[float, ...]
     surface_c: tuple[float, ...]
-    empty_soc_s: float  # 20 % would be left, had it gone on at its mean power
+    empty_soc_s: float  # 20 % of what the lab takes out would be left, had it gone on at its mean power
     empty_voltage_s: float  # a cell would fall to 3.3 V
     parameters: dict[str, float]
 

@@ -14,7 +14,7 @@ from sim.concealed.thermal import Heat
 
 SECOND = round(1.0 / DT)
 LOW_CELL_V = 3.30  # under load: the pilot lands, the pack is empty
-EMPTY_SOC = 0.20
+RESERVE = 0.20  # of what the lab's slow discharge takes out
 REST_MINUTES = 20
 _LONGEST_S = 5400
 
@@ -37,7 +37,7 @@ class Flown:
     rested_v: Array  # (F,) 20 min after landing
     landing: Indices  # (F,) step
     takeoff: Indices
-    empty_soc_s: Array  # (F,) since the plan's first step: when 20 % would be left, had the flight gone on
+    empty_soc_s: Array  # (F,) since the plan's first step: when the reserve would be left, had the flight gone on
     empty_voltage_s: Array  # when a cell would fall to 3.3 V
     power_w: Array  # (F, K) that the load took
     heat_j: Array  # (F,) made in the cells since the start
@@ -76,10 +76,11 @@ def hidden_along(knobs: Knobs, steps: int) -> Array:
     return out
 
 
-def fly(pack: Pack, knobs: Knobs, twins: tuple[Knobs, ...], load: Load) -> Flown:
+def fly(pack: Pack, knobs: Knobs, twins: tuple[Knobs, ...], load: Load, empty_soc: float = 0.0) -> Flown:
     """Fly a case: lanes of the world with its effect, and twins in others, through the same steps.
 
-    A twin carries the current that its own sensors would have to see to tell what is told.
+    A twin carries the current that its own sensors would have to see to tell what is told. ``empty_soc`` is the mean
+    state of charge of the cells when the lab calls the pack empty, which it does by the weakest of them.
     """
     plan, sensors = load.plan, knobs.sensors
     worlds = [knobs, *twins]
@@ -140,7 +141,7 @@ def fly(pack: Pack, knobs: Knobs, twins: tuple[Knobs, ...], load: Load) -> Flown
     flying = plan.airborne[0, where] & (np.arange(steps)[None, :] < ends[:, None])
     takeoff = np.argmax(flying, axis=1)
     landing = steps - np.argmax(flying[:, ::-1], axis=1)
-    empty_soc, empty_voltage = _flown_on(knobs, turning, seen[2], takeoff)
+    empty_soc, empty_voltage = _flown_on(knobs, turning, seen[2], takeoff, empty_soc + RESERVE * (1.0 - empty_soc))
     nodes = (heat.core_j_per_k, heat.surface_j_per_k)
     warm = nodes[0] * (heat.core_c[:flights] - knobs.heat.start_c[:, None])
     warm = warm + nodes[1] * (heat.surface_c[:flights] - knobs.heat.start_c[:, None])
@@ -182,7 +183,7 @@ def _rested(resting: dict[int, tuple[Electrics, Heat]], flights: int) -> Array:
 
 
 def _flown_on(
-    knobs: Knobs, turning: dict[int, tuple[Electrics, Heat, int]], power_w: Array, takeoff: Indices
+    knobs: Knobs, turning: dict[int, tuple[Electrics, Heat, int]], power_w: Array, takeoff: Indices, reserve_soc: float
 ) -> tuple[Array, Array]:
     """When charge and voltage would have ended each flight (F,) [s], had it gone on at its mean power."""
     flights = len(takeoff)
@@ -201,7 +202,7 @@ def _flown_on(
         current = current_for(mean_w, source, ohm, hidden)
         low = cells.cells_v(current).min(axis=1) < LOW_CELL_V
         volt_left = np.where(np.isnan(volt_left) & low, second, volt_left)
-        soc_left = np.where(np.isnan(soc_left) & (cells.z.mean(axis=1) <= EMPTY_SOC), second, soc_left)
+        soc_left = np.where(np.isnan(soc_left) & (cells.z.mean(axis=1) <= reserve_soc), second, soc_left)
         if not (np.isnan(volt_left).any() or np.isnan(soc_left).any()):
             break
         cells.step(current)

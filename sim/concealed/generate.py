@@ -346,7 +346,10 @@ def generate(sheet: CaseSheet, directory: Path) -> Answer:
     twins = [_without(sheet, pack, plain, laid.knobs, index) for index in lacking] if sheet.effects else []
     plan = _plan(sheet, pack, laid.knobs)
     loads = _demands(sheet, pack, [laid.knobs, *twins], plan)
-    flown = fly(pack, laid.knobs, tuple(twins), loads[0])
+    bench = (
+        lab.recordings(pack, sheet.generator("lab")) if porous is None else porous.recordings(sheet.generator("lab"))
+    )
+    flown = fly(pack, laid.knobs, tuple(twins), loads[0], lab.empty_soc(pack, bench["slow"]))
     if porous is not None:
         flown = porous.flown(flown, laid.knobs, tuple(twins))
     quality = draw_quality(sheet.generator("quality"), sheet.noise)
@@ -360,9 +363,6 @@ def generate(sheet: CaseSheet, directory: Path) -> Answer:
         recordings = _boxed(sheet, recordings)
     sidecar, decoys = _sidecar(sheet, laid, flown)
     logs = [tlog(recording, f) for f, recording in enumerate(recordings)]
-    bench = (
-        lab.recordings(pack, sheet.generator("lab")) if porous is None else porous.recordings(sheet.generator("lab"))
-    )
     _write(directory, bench, logs, sidecar)
     (directory / "vehicle.toml").write_text(vehicle_file(sheet, pack))
     return Answer(

@@ -83,6 +83,12 @@ def recordings(pack: Pack, rng: np.random.Generator) -> dict[str, LabRun]:
     }
 
 
+def empty_soc(pack: Pack, slow: LabRun) -> float:
+    """Mean state of charge of the cells where the slow discharge ended, which the weakest of them decides."""
+    given_ah = float(np.sum(slow.current_a[:-1] * np.diff(slow.time_s))) / 3600.0
+    return 1.0 - given_ah / pack.capacity_ah * float(np.mean(1.0 / pack.capacity))
+
+
 def load_profile(rng: np.random.Generator, pack: Pack) -> Array:
     """Current [A] of a bench that plays a hover with gusts and steps, then rests for 20 min; once a second."""
     q = pack.capacity_ah

@@ -114,7 +114,7 @@ def answer_of(truth: Truth, held: int, starts_s: Mapping[str, float]) -> Answer:
         hidden={flight.file: _core(flight) for flight in shown} if hides_temperature and truth.effects else {},
         starts_s={flight.file: starts_s[flight.file] for flight in shown},
         permitted=frozenset(truth.permitted),
-        held={empty.file: float(np.nanmin([empty.empty_soc_s, empty.empty_voltage_s]))},
+        held=_end_of(empty),
         note="; ".join(f"{e.name} ({e.size})" for e in truth.effects),
     )
 
@@ -127,6 +127,12 @@ def _parameters(truth: Truth) -> dict[str, dict[str, Quantity]]:
                 value = become(float(effect.parameters[name]["value"]))
                 found.setdefault(effect.name, {})[ours] = Quantity(value, unit)
     return found
+
+
+def _end_of(flight: TrueFlight) -> dict[str, float]:
+    """When a flight that nobody is shown would have ended; nothing in a world that cannot tell its last voltages."""
+    ends = min(flight.empty_soc_s, flight.empty_voltage_s)
+    return {flight.file: ends} if np.isfinite(flight.empty_voltage_s) else {}
 
 
 def _times_of(flight: TrueFlight) -> np.ndarray:

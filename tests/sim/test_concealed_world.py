@@ -13,6 +13,7 @@ from sim.concealed.battery_effects import pulse_ohm
 from sim.concealed.electrics import Electrics
 from sim.concealed.flying import SECOND, fly
 from sim.concealed.knobs import HeatKnobs, neutral
+from sim.concealed.lab import empty_soc, recordings
 from sim.concealed.load import DT, demand, fly_plans
 from sim.concealed.packs import GRID, SERIES, draw_pack
 from sim.concealed.strength import Shown, voltage_snr
@@ -50,6 +51,16 @@ def test_charge_that_leaves_the_cells_went_through_the_shunt(flown):
         second = (end - 1) // SECOND
         used = f.current_a[flight, : second * SECOND].sum() * DT / 3600.0
         assert f.soc[flight, 0] - f.soc[flight, second] == pytest.approx(used / pack.capacity_ah, rel=2e-4)
+
+
+@pytest.mark.parametrize("pack", PACKS[:4], ids=lambda pack: pack.chemistry)
+def test_the_reserve_is_counted_from_where_the_lab_calls_the_pack_empty(pack):
+    """There the weakest cell's rested voltage is what the slow discharge was stopped at, but for a small drop."""
+    slow = recordings(pack, np.random.default_rng(1))["slow"]
+    mean = empty_soc(pack, slow)
+    weakest = 1.0 - (1.0 - mean) / float(np.mean(1.0 / pack.capacity)) / float(pack.capacity.min())
+    assert weakest < mean
+    assert float(np.interp(weakest, GRID, pack.ocv_v)) == pytest.approx(3.0, abs=0.04)
 
 
 def test_heat_is_stored_or_given_to_the_air(flown):
