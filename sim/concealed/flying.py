@@ -141,7 +141,7 @@ def fly(pack: Pack, knobs: Knobs, twins: tuple[Knobs, ...], load: Load, empty_so
     flying = plan.airborne[0, where] & (np.arange(steps)[None, :] < ends[:, None])
     takeoff = np.argmax(flying, axis=1)
     landing = steps - np.argmax(flying[:, ::-1], axis=1)
-    empty_soc, empty_voltage = _flown_on(knobs, turning, seen[2], takeoff, empty_soc + RESERVE * (1.0 - empty_soc))
+    soc_s, voltage_s = _flown_on(knobs, turning, seen[2], takeoff, empty_soc + RESERVE * (1.0 - empty_soc))
     nodes = (heat.core_j_per_k, heat.surface_j_per_k)
     warm = nodes[0] * (heat.core_c[:flights] - knobs.heat.start_c[:, None])
     warm = warm + nodes[1] * (heat.surface_c[:flights] - knobs.heat.start_c[:, None])
@@ -153,8 +153,8 @@ def fly(pack: Pack, knobs: Knobs, twins: tuple[Knobs, ...], load: Load, empty_so
         rested_v=_rested(resting, flights),
         landing=landing,
         takeoff=takeoff,
-        empty_soc_s=empty_soc,
-        empty_voltage_s=empty_voltage,
+        empty_soc_s=soc_s,
+        empty_voltage_s=voltage_s,
         heat_j=cells.heat_j[:flights].sum(axis=1),
         lost_j=heat.lost_j[:flights].sum(axis=1),
         stored_j=warm.sum(axis=1),
