@@ -10,7 +10,7 @@ import numpy as np
 from bhm_service.battery.cell import Modifiers
 from bhm_service.battery.effects.base import Conditions, Effect
 from bhm_service.battery.pack import PackModel, Simulation
-from bhm_service.identification.experiment import Experiment
+from bhm_service.identification.experiment import Experiment, Kind
 from bhm_service.identification.families import Family
 from bhm_service.identification.unknowns import Unknowns, joined, numbers
 from bhm_service.units import Array, Flags, Value
@@ -149,13 +149,19 @@ class Problem:
         """The same with recordings counted as closely as the candidate ``x`` follows them all, at least as expected.
 
         Counted as expected only, priors would pull harder than they are known: by standard deviations of the result.
+        That a slow discharge begins full keeps its say: it tells where on the charge the curve lies, and nothing else
+        does.
         """
         ends = np.cumsum([int(used.sum()) for used in self.used])
         own = np.split(self.residuals(x)[0], ends)[:-1]
         common = sum(power(residual) * residual.size for residual in own) / ends[-1]
         finer = float(np.clip(common**-0.5, 1.0, _FINEST))
         trust = self.trust or tuple(np.ones(e.time_s.size) for e in self.experiments)
-        return replace(self, trust=tuple(finer * t for t in trust))
+        begins = tuple(
+            (mean, sd / finer if e.kind is Kind.SLOW else sd)
+            for (mean, sd), e in zip(self.soc_prior, self.experiments, strict=True)
+        )
+        return replace(self, trust=tuple(finer * t for t in trust), soc_prior=begins)
 
     def _monotone(self, values: dict[str, Array]) -> Array:
         """What a curve that does not fall is punished with."""

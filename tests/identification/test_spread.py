@@ -125,8 +125,20 @@ def test_a_prior_pulls_no_harder_than_it_is_known_where_recordings_know_better()
     solution, _ = fitted(rng, lambda: family(first=1.3 * OHM, prior_sd=0.1 * OHM), 0.0003 * rng.standard_normal(1200))
     pulled, sd = off_and_sd(solution)
     assert pulled > 3.0 * sd
-    free, sd = off_and_sd(solve(solution.problem.as_followed(solution.x), starts=[solution.x]))
+    closer = solution.problem.as_followed(solution.x)
+    free, sd = off_and_sd(solve(closer, starts=[solution.x]))
     assert free < 3.0 * sd
+
+
+def test_that_a_slow_discharge_begins_full_keeps_its_say():
+    """Nothing else tells where on the charge the curve lies: the whole of it may move along."""
+    solution, run = fitted(np.random.default_rng(10), noise=0.0003 * np.random.default_rng(10).standard_normal(1200))
+    for kind, keeps in ((Kind.SLOW, True), (Kind.VARIABLE, False)):
+        problem = replace(solution.problem, experiments=(replace(run, kind=kind),))
+        closer = problem.as_followed(solution.x)
+        by = closer.weights()[0][0] / problem.weights()[0][0]
+        assert by > 5.0
+        assert closer.soc_prior[0] == pytest.approx((0.9, KNOWN / by if keeps else KNOWN))
 
 
 def test_recordings_that_a_model_does_not_follow_keep_the_weight_that_they_had():
