@@ -29,7 +29,8 @@ class Unseen:
 
     rms: float  # over all recordings
     typical: float  # geometric mean of the recordings' own: what no form follows in one of them decides nothing
-    sound: bool  # additions are off the bounds of what is physical, and the two fits agree on them
+    possible: bool  # additions are off the bounds of what is physical
+    agreed: bool  # the two fits agree on their size
 
 
 def unseen_error(problem: Problem) -> Unseen:
@@ -51,9 +52,11 @@ def unseen_error(problem: Problem) -> Unseen:
             weight = e.weights() * (used & ~piece & (soc > _LEAST_SOC))
             if weight.sum() > 0.0:
                 own.append(float(np.nansum(weight * np.nan_to_num(misfit) ** 2) / weight.sum()))
-    sound = all(_sound(block, *(x[problem.unknowns.slice_of(block.name)] for x in found_x)) for block in additions)
+    sizes = [(block, np.stack([x[problem.unknowns.slice_of(block.name)] for x in found_x])) for block in additions]
+    possible = all(_possible(block, both) for block, both in sizes)
+    agreed = all(bool(np.all(np.abs(both[0] - both[1]) < _AGREEING * block.sd)) for block, both in sizes)
     means = np.array([np.mean(own) for own in squares if own])
-    return Unseen(float(np.sqrt(means.mean())), float(np.exp(0.5 * np.log(means).mean())), sound)
+    return Unseen(float(np.sqrt(means.mean())), float(np.exp(0.5 * np.log(means).mean())), possible, agreed)
 
 
 def foretold(problem: Problem) -> list[float]:
@@ -69,7 +72,6 @@ def foretold(problem: Problem) -> list[float]:
     return errors
 
 
-def _sound(block: Block, one: Array, other: Array) -> bool:
-    places = (np.stack([one, other]) - block.low) / (block.high - block.low)
-    inside = np.all((places > _EDGE) & (places < 1.0 - _EDGE))
-    return bool(inside and np.all(np.abs(one - other) < _AGREEING * block.sd))
+def _possible(block: Block, both: Array) -> bool:
+    places = (both - block.low) / (block.high - block.low)
+    return bool(np.all((places > _EDGE) & (places < 1.0 - _EDGE)))

@@ -13,7 +13,7 @@ from bhm_service.identification.choice import choose
 from bhm_service.identification.experiment import Experiment, Kind
 from bhm_service.identification.families import CircFamily
 from bhm_service.identification.premises import premises_of, problem_for
-from bhm_service.identification.unseen import unseen_error
+from bhm_service.identification.unseen import Unseen, unseen_error
 from bhm_service.units import REFERENCE_TEMPERATURE_K
 
 SLOW = SlowDiffusion(resistance=0.006, time_constant=400.0)
@@ -66,6 +66,34 @@ def test_diffusion_over_an_hour_joins_beside_that_over_minutes():
     family, _, remarks = chosen(bench(SLOW, HOUR))
     assert family.extras.slower
     assert any("diffusion over an hour beside it: joins" in said for said in remarks)
+
+
+@pytest.mark.parametrize(
+    ("agreed", "possible", "foreseen_mv", "joins"),
+    [
+        (True, True, (9.0, 9.0), True),  # its size is told: nothing else is asked
+        (False, True, (4.0, 4.0), True),
+        (False, True, (4.0, 4.9), False),  # one recording is not foretold better by a twentieth
+        (False, False, (4.0, 4.0), False),
+        (False, True, (), False),  # one recording under load: none can be foretold by others
+    ],
+)
+def test_what_is_loosely_told_joins_where_it_foretells_every_recording(
+    monkeypatch, agreed, possible, foreseen_mv, joins
+):
+    def pieces(problem):
+        slow = problem.family.extras.slow
+        return Unseen(0.003 if slow else 0.005, 0.003 if slow else 0.005, possible or not slow, agreed or not slow)
+
+    def foreseen(problem):
+        both = (5.0, 5.0)[: len(foreseen_mv)]
+        return [1e-3 * mv for mv in (foreseen_mv if problem.family.extras.slow else both)]
+
+    monkeypatch.setattr("bhm_service.identification.choice.unseen_error", pieces)
+    monkeypatch.setattr("bhm_service.identification.choice.foretold", foreseen)
+    family, _, remarks = chosen(bench())
+    assert family.extras.slow is joins
+    assert any("loosely told" in said for said in remarks) is (not agreed and possible and bool(foreseen_mv))
 
 
 @pytest.mark.parametrize(("effects", "joins"), [((COLD,), True), ((), False)])
