@@ -61,6 +61,7 @@ class Search:
     fits: dict[Names, Fitted] = field(default_factory=dict)
     _joints: dict[Names, Joint] = field(default_factory=dict, init=False)
     _added: dict[Names, Array] = field(default_factory=dict, init=False)
+    _alone: dict[Names, Array] = field(default_factory=dict, init=False)
 
     def fitted(self, names: Names, start: Fitted | None = None) -> Fitted:
         """The fit of a set, begun from a smaller set's where one is given."""
@@ -80,9 +81,19 @@ class Search:
     def added(self, names: Names) -> Array:
         """What each member of a set adds to the pack's voltage over all flights [V]; (members, samples)."""
         if names not in self._added:
-            at = self.fitted(names)
-            self._added[names] = np.concatenate([p.members for p in at.joint.all_predicted(at.x[None, :])], axis=1)
+            self._added[names] = _by_members(self.fitted(names))
         return self._added[names]
+
+    def alone(self, names: Names) -> Array:
+        """The same where the members have to explain the flights by themselves, the lab taken at its word."""
+        if names not in self._alone:
+            at = self.fitted(names)
+            own = [u.name for member in at.joint.members for u in member.unknowns]
+            x = at.joint.unknowns.start.copy()
+            for name in own:
+                x[at.joint.places[name]] = at.x[at.joint.places[name]]
+            self._alone[names] = _by_members(fit(at.joint, self.noise, x, moving=own))
+        return self._alone[names]
 
     def gains(self, names: Names) -> dict[str, float]:
         """What each other candidate is expected to add to a set's evidence, by one linear step. [nats]"""
@@ -110,6 +121,10 @@ class Search:
         for m in names:
             self.fitted(names - {m}, whole)
         return {m: self.evidence(names) - self.evidence(names - {m}) for m in names}
+
+
+def _by_members(at: Fitted) -> Array:
+    return np.concatenate([p.members for p in at.joint.all_predicted(at.x[None, :])], axis=1)
 
 
 def _carried(joint: Joint, start: Fitted | None) -> Array:

@@ -22,6 +22,7 @@ _STRUCTURAL_V = 0.004  # [V] of a cell: the same for what looks like an error of
 _BEYOND = 2.0  # times what the lab leaves open, which bends every curve: less is no other shape
 _LEAST = dict.fromkeys(STRUCTURAL - {"time-skew"}, _STRUCTURAL_V)  # a skew shows at steps only
 MUCH = 0.4  # of the misfit's power: what explains less of it by itself has to earn the more for it
+_OPPOSED = -0.8  # cosine
 _FELT = 0.1  # of what an effect adds at most
 _REACH = 0.995  # of the way to a bound of what is physical
 # The commoner first: what stands beside another cause, or is an error of a model's structure, comes last.
@@ -107,16 +108,26 @@ def _stands(found: Search, names: Names) -> bool:
 
 
 def _explains(found: Search, names: Names) -> bool:
-    """Whether the members by themselves explain enough of the misfit, and each of them some beside the others.
+    """Whether the members by themselves explain enough of the misfit, and each of them its part beside the others.
 
-    A set can earn much by what it lets the lab's errors do, while by its equations alone it makes the battery worse:
-    its evidence counts as far as the equations go. What the lab was off by besides may be the larger part.
+    A set can earn much by what it lets the lab's errors do, while its equations hardly come near the misfit without
+    them: its evidence counts as far as the equations go. What the lab was off by besides may be the larger part.
     Of a pack that no lab has seen there is no telling: what its battery is off by is mostly the lab's error.
     """
     if not found.base.lab.identified:
         return True
     whole, *others = _shares(found, names)
-    return (whole > MUCH or _credit(found, names) > _CLAIM_NATS) and all(alone > 0.0 for alone in others)
+    earned = found.earned(names)
+    members = [member.id for member in found.joint(names).members]
+    each = all(alone * earned[name] > NEAR for name, alone in zip(members, others, strict=True))
+    return each and (whole > MUCH or _credit(found, names) > _CLAIM_NATS) and not _opposed(found, names)
+
+
+def _opposed(found: Search, names: Names) -> bool:
+    """Whether two members do nearly the opposite of each other: their difference is a finer shape than either has."""
+    parts = found.alone(names)
+    size = np.sqrt(np.sum(parts**2, axis=1))
+    return bool(np.any(parts @ parts.T < _OPPOSED * np.outer(size, size)))
 
 
 def _credit(found: Search, names: Names) -> float:
@@ -125,14 +136,14 @@ def _credit(found: Search, names: Names) -> float:
 
 
 def share(found: Search, names: Names) -> float:
-    """Of the misfit's power where a set is felt, what it explains by its equations, no error of the lab bent."""
+    """Of the misfit's power where a set is felt, what its equations explain at best, no error of the lab bent."""
     return _shares(found, names)[0]
 
 
 def _shares(found: Search, names: Names) -> list[float]:
     """That of a set, then what each member explains where it is felt beside the others."""
     known = np.isfinite(np.concatenate([f.voltage_v for f in found.base.flights]))
-    parts = found.added(names)[:, known]
+    parts = found.alone(names)[:, known]
     misfit = np.concatenate(found.base.misfits)[known]
     whole = parts.sum(axis=0)
 

@@ -89,6 +89,8 @@ def _aged(scene: Scene, amount: float) -> tuple[Array, bool]:
 def _capacity_fade(scene: Scene, amount: float) -> None:
     lost, grows = _aged(scene, amount)
     scene.cells(capacity=scene.knobs.cells.capacity * (1.0 - lost[:, None]))
+    if scene.sheet.world == "porous":
+        scene.permitted.append("resistance-growth")  # its cell is smaller: the same current goes through less area
     scene.tell("capacity_lost", amount, "fraction at the oldest flight")
     _tell_cycles(scene, amount, grows)
 
