@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from bhm_service.mavlink.dialect import layout
 from bhm_service.mavlink.tlog import checksum_holds
 
 _V1, _V2 = 0xFE, 0xFD
@@ -56,8 +57,9 @@ class FrameSplitter:
             strange = magic == _V2 and buffer[at + 2] & ~_SIGNED
             if strange or not checksum_holds(buffer, at, message_id):
                 # Damage, a kind that the dialect does not know, or a flag of a protocol to come, of which one has to
-                # keep one's hands off: the next head is looked for inside it.
-                self.bad_checksums += 1
+                # keep one's hands off: the next head is looked for inside it. Only of a known kind it is known to be
+                # damage: a link that carries messages of its maker's own is none the worse for it.
+                self.bad_checksums += layout(message_id) is not None
                 at += 1
                 continue
             payload = buffer[at + head : at + head + length]

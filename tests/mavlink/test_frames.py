@@ -36,6 +36,15 @@ def test_garbage_is_counted_and_costs_no_frame():
     assert splitter.stray_bytes + splitter.bad_checksums > 5
 
 
+def test_messages_of_a_maker_s_own_cost_no_frame_and_are_not_called_damaged():
+    own = bytes([0xFD, 5, 0, 0, 7, 1, 1, 0x10, 0xEE, 0x0A]) + b"12345" + b"\x5a\xa5"  # kind 716304, which nobody knows
+    frames = stream(30)
+    splitter = FrameSplitter()
+    found = splitter.feed(b"".join(frame + own for frame in frames)) + splitter.feed(b"\x00" * 300)
+    assert [f.raw for f in found] == frames
+    assert splitter.bad_checksums == 0
+
+
 def test_a_flipped_bit_costs_one_frame():
     frames = stream(30)
     rng = random.Random(15)
