@@ -36,7 +36,9 @@ def releases(misfits: Sequence[Array], flights: Sequence[Flown], noise: Noise) -
     found = []
     for k, (misfit, data) in enumerate(zip(misfits, flights, strict=True)):
         t = data.time_s
-        grid = np.arange(t[0] + _EDGE_S, t[-1] - _EDGE_S, _GRID_S)
+        step = max(float(np.median(np.diff(t))), 0.1)
+        # Samples, not times: in a gap of the log there is nothing to look at.
+        grid = t[(t >= t[0] + _EDGE_S) & (t < t[-1] - _EDGE_S)][:: max(round(_GRID_S / step), 1)]
         if grid.size < 2:
             continue
         gains, _ = _tried(misfit, t, grid, noise)
@@ -44,7 +46,7 @@ def releases(misfits: Sequence[Array], flights: Sequence[Flown], noise: Noise) -
         near = t[np.abs(t - at) <= _GRID_S]
         gains, sizes = _tried(misfit, t, near, noise)
         best = int(np.argmax(gains))
-        price = float(np.log(np.ptp(t) / max(float(np.median(np.diff(t))), 0.1)))
+        price = float(np.log(np.ptp(t) / step))
         if gains[best] - price > _NATS and sizes[best] > _LEAST:
             found.append(Release(k, float(near[best]), price))
     return found

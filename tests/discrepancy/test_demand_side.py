@@ -13,7 +13,10 @@ from discrepancy.ridden import CLIMB, EFFICIENCY, ridden, vehicle
 
 from bhm_service.config import Vehicle
 from bhm_service.discrepancy.demand_findings import joined_findings
+from bhm_service.discrepancy.demand_model import flown_of
+from bhm_service.discrepancy.demand_release import releases
 from bhm_service.discrepancy.demand_side import DemandSide, NotLooked, demand_side
+from bhm_service.discrepancy.noise import Noise
 from bhm_service.errors import BadInputError
 from bhm_service.prediction.demand_file import known_demand, with_demand
 
@@ -68,6 +71,14 @@ def test_a_payload_that_is_let_go_is_found_in_time_and_in_weight(loaded):
     told = loaded.effects[0].parameters["payload"]
     assert abs(told.value - 0.1) < 3.0 * told.sd < 0.03
     assert "flights 00 and 02" in loaded.in_words[0]
+
+
+def test_a_payload_that_is_let_go_in_a_gap_of_the_log_is_found_beside_it():
+    flight = ridden(0)
+    flown = flown_of(flight.part(np.abs(flight.time_s - 220.0) > 15.0))
+    misfit = np.where(flown.time_s < 220.0, 0.1, 0.0)  # of the hover's power
+    (found,) = releases([misfit], [flown], Noise(0.5, 0.0, 0.02))
+    assert found.time_s == pytest.approx(220.0, abs=17.0)
 
 
 def test_a_payload_on_some_flights_is_told_from_wear_that_grows_over_all():
