@@ -92,7 +92,9 @@ def _of_kind(kind: Kind, count: int, rng: np.random.Generator) -> Iterator[CaseS
     else:
         names = list(CATALOGUE if kind == "single" else OUTSIDE)
         order = rng.permutation(len(names))
-        rounds = [(names[k], SIZES[s]) for s in rng.permutation(3).tolist() for k in order]
+        # Every size in every round: the beginning of a suite is a fair sample of it.
+        sizes = rng.permutation(3).tolist()
+        rounds = [(names[k], SIZES[sizes[(of + turn) % 3]]) for turn in range(3) for of, k in enumerate(order)]
         for number, (name, size) in enumerate(islice(cycle(rounds), count)):
             warm = (number % 3 != 0) or (name in CATALOGUE and CATALOGUE[name].needs_temperature)
             # A core's lag shows only where the pack's temperature matters at all.

@@ -147,6 +147,14 @@ def test_an_examination_holds_what_it_must():
     assert {s.temperature_recorded for s in sheets} == {True, False}
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_the_beginning_of_a_suite_has_effects_of_every_size(seed):
+    singles = [sheet for sheet in draw_suite("exam", seed, 60) if sheet.kind == "single"]
+    sizes = Counter(sheet.effects[-1].size for sheet in singles)
+    assert set(sizes) == {"small", "medium", "large"}
+    assert max(sizes.values()) <= 2 * min(sizes.values())
+
+
 def test_the_second_world_flies_the_same_sheets(tmp_path):
     pytest.importorskip("pybamm", reason="the extra 'truth' is not installed")
     sheet = replace(FADE, world="porous", flights=1)
