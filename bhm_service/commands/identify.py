@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from bhm_service.battery.battery_file import ModelName, read_battery, write_battery
+from bhm_service.battery.battery_file import MODELS, ModelName, read_battery, write_battery
 from bhm_service.config import shipped
 from bhm_service.errors import BadInputError
 from bhm_service.guess import GENERIC_BATTERY, guess_vehicle
@@ -50,7 +50,7 @@ class Task:
     report: Path | None = None
     reading: Reading
     oracle: bool = False
-    models: tuple[ModelName, ...] = ("circ", "chem")
+    models: tuple[ModelName, ...] = MODELS
     name: str | None = None
     method: Method = "trf"
     ocv: Ocv = "auto"
@@ -102,7 +102,7 @@ def task_of(given: dict[str, Any]) -> Task:
             battery_id=given["battery_id"],
         ),
         oracle=given["oracle"],
-        models=("circ", "chem") if given["model"] == "both" else (given["model"],),
+        models=MODELS if given["model"] == "both" else (given["model"],),
         name=given["name"],
         method=given["method"],
         ocv=given["ocv"],

@@ -106,7 +106,7 @@ def harmful(unseen: Unseen, names: Names) -> bool:
 
 def _error(found: Search, modelled: list[Array]) -> float:
     flights = [
-        LeftOutFlight(f.label, v, v, v, f.voltage_v, int(np.ceil(_SEEN * f.time_s.size)))
+        LeftOutFlight(f.label, v, v, v, f.voltage_v, _unseen_from(f))
         for f, v in zip(found.base.flights, modelled, strict=True)
     ]
     return HeldOut(tuple(flights)).after_v
@@ -120,10 +120,15 @@ def held_out(unseen: Unseen, names: Names) -> HeldOut | None:
     ways = zip(unseen.as_it_is(), unseen.by(frozenset()), unseen.by(names), strict=True)
     return HeldOut(
         tuple(
-            LeftOutFlight(f.label, *modelled, f.voltage_v, int(np.ceil(_SEEN * f.time_s.size)))
+            LeftOutFlight(f.label, *modelled, f.voltage_v, _unseen_from(f))
             for f, modelled in zip(found.base.flights, ways, strict=True)
         )
     )
+
+
+def _unseen_from(data: FlightData) -> int:
+    """First sample of a flight that is not seen before it is predicted."""
+    return int(np.ceil(_SEEN * data.time_s.size))
 
 
 def _predicted(found: Search, names: Names, left: int) -> Array:
@@ -160,7 +165,7 @@ def predicted_from_quarter(joint: Joint, learnt: Fitted | None, index: int, nois
     Where nothing was learnt the battery is taken as it is.
     """
     data = joint.flights[index]
-    quarter = data.part(slice(0, int(np.ceil(_SEEN * data.time_s.size))))
+    quarter = data.part(slice(0, _unseen_from(data)))
     seen = subset(replace(joint, flights=_put(joint.flights, index, _alone(quarter))), [index])
     x = seen.unknowns.start.copy()
     if learnt is not None:

@@ -36,11 +36,8 @@ class Witness:
         return self._search(names).fitted(names)
 
     def _search(self, names: Names) -> Search:
-        if names not in self._searches:
-            self._searches[names] = self._searched(names)
-        return self._searches[names]
-
-    def _searched(self, names: Names) -> Search:
+        if names in self._searches:
+            return self._searches[names]
         members = tuple(c for c in self.candidates if c.id in names)
         if self._bare is None:
             self._bare = fit(self.base, Noise(0.98, 0.8, self.lab.series * 0.002))
@@ -51,6 +48,7 @@ class Witness:
         lab = self.lab.widened(lambda name: pulls[first.joint.places[name]])
         found = Search(replace(self.base, lab=lab), members, noise)
         found.fitted(names, first)
+        self._searches[names] = found
         return found
 
 

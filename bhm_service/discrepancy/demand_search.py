@@ -10,9 +10,9 @@ from scipy.special import logsumexp
 
 from bhm_service.discrepancy.demand_model import FLIGHT_SD, FLIGHT_SDS, Demand, Term
 from bhm_service.discrepancy.demand_release import releases
-from bhm_service.discrepancy.fitting import Fitted, bulk, fit, weights
+from bhm_service.discrepancy.fitting import Fitted, bulk, fit
 from bhm_service.discrepancy.noise import Noise, estimated
-from bhm_service.discrepancy.search import LEAST_SNR, NATS, NEAR, Geometry, Names
+from bhm_service.discrepancy.search import LEAST_SNR, NATS, NEAR, Geometry, Names, geometry_of
 from bhm_service.discrepancy.significance import exceeded
 from bhm_service.prediction.demand_effects import DEMAND_EFFECTS
 from bhm_service.units import Array
@@ -92,7 +92,7 @@ def evidence(fitted: Fit, inflation: float) -> float:
     demand = fitted.joint
     at, own = demand.pulls(fitted.x), demand.places["flight"]
     data = fitted.curvature - demand.known
-    slope = sum(s.T @ (weights(r) * r) for s, r in zip(fitted.slopes, fitted.rows, strict=True))
+    slope = fitted.slope.T @ fitted.weighted
     cost = bulk(fitted.rows)
     found = []
     for sd in FLIGHT_SDS:
@@ -205,13 +205,7 @@ def _geometry(found: DemandSearch, bare: Fit, term: Term) -> Geometry:
     assert declared.absent is not None
     x = np.concatenate([bare.x, np.full(term.block().size, declared.absent)])
     _, slopes = demand.linearised(x, found.noise)
-    slope, new = np.vstack(slopes), slice(bare.x.size, None)
-    old = slice(0, bare.x.size)
-    nuisance = slope[:, old].T @ slope[:, old] + demand.known[old, old]
-    across = np.linalg.solve(nuisance, slope[:, old].T @ slope[:, new])
-    directions = -(slope[:, new] - slope[:, old] @ across)
-    information = slope[:, new].T @ slope[:, new] - across.T @ (slope[:, old].T @ slope[:, new])
-    return Geometry(information, directions)
+    return geometry_of(bare, np.vstack(slopes)[:, bare.x.size :])[0]
 
 
 def _expected_snr(geometry: Geometry, term: Term) -> float:

@@ -219,10 +219,9 @@ class Joint:
         voltage = wide[: points.shape[0]] + self._beside(points, group, soc)
         if forms:
             self._shape(voltage, points, wide, members, group, soc)
-        rested = None
-        if any(f.notes.rest_voltage_v is not None for f in group.flights):
-            bends = self.lab.bent_v(points[:, self._lab_adding], soc[:, -1])
-            rested = self._rested(pack, group, run)[: points.shape[0]] + bends
+        rested = self._rested(pack, group, run)
+        if rested is not None:
+            rested = rested[: points.shape[0]] + self.lab.bent_v(points[:, self._lab_adding], soc[:, -1])
         return _Run(voltage, rested, soc, members)
 
     def _beside(self, points: Array, group: Abreast, soc: Array) -> Array:
@@ -254,8 +253,10 @@ class Joint:
             for row in np.flatnonzero((form != form[0]).any(axis=(1, 2))):
                 voltage[row] += _formed(form[row] - form[0], added, group, soc)
 
-    def _rested(self, flown: PackModel, group: Abreast, run: Simulation) -> Array:
-        """After landing the pack is unplugged: nothing flows, and another meter reads it; (M, F)."""
+    def _rested(self, flown: PackModel, group: Abreast, run: Simulation) -> Array | None:
+        """After landing, unplugged: nothing flows, and another meter reads it; (M, F), None where none did."""
+        if all(f.notes.rest_voltage_v is None for f in group.flights):
+            return None
         kept = [
             e
             for e in flown.effects
@@ -350,10 +351,7 @@ class Joint:
             voltage = wide.copy()
             # A companion may be another member's as well. What that one does in the first vector is the same in all.
             self._shape(voltage, points, wide, np.zeros((len(self.members), *soc.shape)), group, soc)
-            rested = None
-            if any(f.notes.rest_voltage_v is not None for f in group.flights):
-                rested = self._rested(pack, group, run)
-            rows = self._rows(_Run(voltage, rested, soc, wide[:0]), group, noise)
+            rows = self._rows(_Run(voltage, self._rested(pack, group, run), soc, wide[:0]), group, noise)
             for flight, off in zip(group.places.tolist(), rows, strict=True):
                 moved = used[flight]
                 slope = np.zeros((own.size, off.shape[1]))

@@ -122,9 +122,7 @@ class Lab:
         """
         cell, late = current / self.parallel, followed / self.parallel
         drops = (-self.ohm * late[:-1, None] * hats(DROP_SOC, soc)).reshape(-1, *soc.shape)
-        hover = _HOVER_C * self.capacity_c / self.parallel / SECONDS_PER_HOUR
-        # A drop that bends with the current, at low and at high charge, without changing it at the hover.
-        bent = -self.ohm * cell * (np.abs(cell) / hover - 1.0)
+        bent = -self.ohm * self._bending(cell)
         charge = np.clip(soc, 0.0, 1.0)
         skewed = -self.ohm * self.ohmic_share * (cell - late[-1]) / _SKEW_S
         bends = hats(BEND_SOC, soc)
@@ -137,12 +135,16 @@ class Lab:
         drops = sizes[BEND_SOC.size : -3].reshape(-1, DROP_SOC.size)
         low, high, skew = sizes[-3:]
         charge = np.clip(soc, 0.0, 1.0)
-        hover = _HOVER_C * self.capacity_c / self.parallel / SECONDS_PER_HOUR
-        amps = cell * (np.abs(cell) / hover - 1.0) * (low + (high - low) * charge)
+        amps = self._bending(cell) * (low + (high - low) * charge)
         amps += (skew * self.ohmic_share / _SKEW_S) * (cell - late[-1])
         for own, share in zip(late[:-1], drops, strict=True):
             amps += own * np.interp(soc, DROP_SOC, share)
         return np.asarray(self.series * (np.interp(soc, BEND_SOC, sizes[: BEND_SOC.size]) - self.ohm * amps))
+
+    def _bending(self, cell: Array) -> Array:
+        """How a drop bends with the current of a cell, without changing it at the hover. [A]"""
+        hover = _HOVER_C * self.capacity_c / self.parallel / SECONDS_PER_HOUR
+        return np.asarray(cell * (np.abs(cell) / hover - 1.0))
 
     def bent_v(self, sizes: Array, soc: Array) -> Array:
         """What the bends among numbers of `additions` (M, numbers) add to rested packs (F,); (M, F). [V]"""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bhm_service.discrepancy.candidate import Candidate
-from bhm_service.discrepancy.fitting import Fitted, fit
+from bhm_service.discrepancy.fitting import Fitted, ProblemT, fit
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.noise import Noise, estimated
 from bhm_service.discrepancy.steps import contact_candidate, episodes
@@ -159,14 +159,14 @@ class Geometry:
 
 def candidate_geometry(at: Fitted, joint: Joint, candidate: Candidate) -> Geometry:
     """What the residuals of a fit say of a candidate added to it."""
-    return _added(at, _slope(at, joint, candidate))[0]
+    return geometry_of(at, _slope(at, joint, candidate))[0]
 
 
 def _slope(at: Fitted, joint: Joint, candidate: Candidate) -> Array:
     return np.vstack(joint.slopes_of(candidate, _absent(joint, at, candidate), at.noise))
 
 
-def _added(at: Fitted, own: Array) -> tuple[Geometry, Array]:
+def geometry_of(at: Fitted[ProblemT], own: Array) -> tuple[Geometry, Array]:
     """Numbers of these slopes (rows, numbers) added to a fit, and their score."""
     both = at.slope.T @ own
     across = np.linalg.solve(at.known_curvature, both)
@@ -177,10 +177,10 @@ def _added(at: Fitted, own: Array) -> tuple[Geometry, Array]:
 
 
 def _linear_gain(at: Fitted, joint: Joint, candidate: Candidate) -> float:
-    found, score = _added(at, _slope(at, joint, candidate))
+    found, score = geometry_of(at, _slope(at, joint, candidate))
     if float(np.max(np.diag(found.information))) < _FLAT:
         # What begins with no slope is known by what it does at its usual size.
-        found, score = _added(at, _usual(at, joint, candidate))
+        found, score = geometry_of(at, _usual(at, joint, candidate))
     posterior = found.information + np.eye(score.size)
     # Effects at their typical size, not at none: the pull of the prior is left out of the expectation.
     gain = 0.5 * score @ np.linalg.solve(posterior, score)
@@ -189,7 +189,7 @@ def _linear_gain(at: Fitted, joint: Joint, candidate: Candidate) -> float:
 
 def expected_snr(at: Fitted, joint: Joint, candidate: Candidate) -> float:
     """Standard deviations by which the candidate at its usual size would stand out of noise and lab errors."""
-    found, _ = _added(at, _usual(at, joint, candidate))
+    found, _ = geometry_of(at, _usual(at, joint, candidate))
     return float(np.sqrt(max(float(found.information[0, 0]), 0.0)))
 
 

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from bhm_service.battery.battery_file import BatteryFile, Joined, ModelName
+from bhm_service.battery.battery_file import MODELS, BatteryFile, Joined, ModelName
 from bhm_service.battery.chem import Chem
 from bhm_service.battery.circ import Circ
 from bhm_service.battery.uncertainty import Uncertainty
@@ -44,7 +44,7 @@ class Request:
     held_out: tuple[Experiment, ...] = ()
     oracle: bool = False  # fit the held-out recordings as well, to show the best that a model's structure can do
     series: int
-    models: tuple[ModelName, ...] = ("circ", "chem")
+    models: tuple[ModelName, ...] = MODELS
     name: str = "pack"
     method: Method = "trf"
     ocv: Ocv = "auto"
@@ -222,7 +222,7 @@ def _strained(solution: Solution) -> list[str]:
 def _battery(request: Request, results: Sequence[ModelResult], capacity_sd: float) -> BatteryFile:
     by_model = {r.model: r for r in results}
     known = [r.unseen_v for r in results if np.isfinite(r.unseen_v)]
-    circ, chem = (by_model[m].cell if m in by_model else None for m in ("circ", "chem"))
+    circ, chem = (by_model[m].cell if m in by_model else None for m in MODELS)
     assert circ is None or isinstance(circ, Circ)
     assert chem is None or isinstance(chem, Chem)
     return BatteryFile(
