@@ -28,6 +28,7 @@ _OVERDUE_S = 1.25  # a BATTERY_STATUS that comes once a second may be late by a 
 _BLOCK_LASTS_S = 2.0  # reports further apart are not averaged
 _BATTERY_STATUS_LASTS_S = 5.0  # for so long a BATTERY_STATUS keeps SYS_STATUS from speaking for the battery
 _TEMPERATURE_LASTS_S = 60.0
+_RETURN_LASTS_S = 60.0  # no descent and no braking feeds a battery for longer
 
 
 @dataclass(slots=True)
@@ -50,6 +51,8 @@ class SampleMerger:
     _volts: list[float] = field(default_factory=list)
     _amps: list[float] = field(default_factory=list)
     _remaining: float | None = None
+    _given_c: float = 0.0  # [C] while armed, by all that the sensor said
+    _returns_since_s: float | None = None  # since when it has been saying that current flows back
 
     def add(self, message: Message) -> BatterySample | None:
         """Take a message in; a sample when one is complete."""
@@ -81,9 +84,7 @@ class SampleMerger:
         return len(self.ids) <= 1 and now - max(self._status_s, self._sample_s) > _OVERDUE_S
 
     def _collect(self, message: BatteryStatus | SystemStatus) -> BatterySample | None:
-        now, amps = message.time_s, message.current_a
-        if amps is not None and amps < 0.0 and self.armed:
-            amps = None  # a multirotor in the air does not charge: this is how some sensors say that they are none
+        now, amps = message.time_s, self._believed(message)
         if type(message) is not self._source or not 0.0 <= now - self._collected_s <= _BLOCK_LASTS_S:
             self._volts, self._amps = [], []  # left over from before an interruption, or by another reporter
         self._source, self._collected_s = type(message), now
@@ -108,6 +109,24 @@ class SampleMerger:
         self._sample_s = now
         self._volts, self._amps = [], []
         return sample
+
+    def _believed(self, message: BatteryStatus | SystemStatus) -> float | None:
+        """The current, unless it is a negative one by which a sensor says that it is none, dead or wired backwards.
+
+        A descent or a braking motor does feed a battery while armed: for a while, and less than was taken out.
+        """
+        now, amps = message.time_s, message.current_a
+        if amps is None or not self.armed:
+            self._returns_since_s = None
+            return amps
+        self._given_c += amps * min(max(now - self._collected_s, 0.0), _BLOCK_LASTS_S)
+        if amps >= 0.0:
+            self._returns_since_s = None
+            return amps
+        if self._returns_since_s is None or now < self._returns_since_s:
+            self._returns_since_s = now
+        brief = now - self._returns_since_s <= _RETURN_LASTS_S
+        return amps if brief and self._given_c > 0.0 else None
 
     def _temperature_at(self, now: float) -> float | None:
         if self._temperature is None or now - self._temperature[0] > _TEMPERATURE_LASTS_S:

@@ -81,11 +81,31 @@ def test_sys_status_means_battery_zero_on_ardupilot_and_the_lowest_on_px4():
     assert len(merged(px4, battery_id=1)) == 1
 
 
-def test_negative_current_in_the_air_is_not_measured():
-    found = merged([beat(0.0), status(1.0, amps=-3.0)])
-    assert found[0].current_a is None
-    grounded = merged([beat(0.0, armed=False), status(1.0, amps=-0.4)])
-    assert grounded[0].current_a == -0.4
+def currents(amps, every_s=1.0, armed=True):
+    messages = [beat(0.0, armed=armed), *(status(every_s * (k + 1), amps=a) for k, a in enumerate(amps))]
+    return [s.current_a for s in merged(messages)]
+
+
+def test_current_that_flows_back_in_the_air_is_measured():
+    assert currents([20.0, 20.0, -3.0, 15.0, -0.02]) == [20.0, 20.0, -3.0, 15.0, -0.02]
+
+
+def test_a_negative_current_before_any_load_is_no_measurement():
+    assert currents([-3.0, -3.0]) == [None, None]
+    assert currents([-0.4], armed=False) == [-0.4]
+
+
+def test_a_sensor_wired_backwards_measures_nothing():
+    assert currents([0.02, 0.02, *[-20.0] * 50, 0.03, -20.0])[2:] == [*[None] * 50, 0.03, None]
+
+
+@pytest.mark.parametrize("every_s", [1.0, 10.0])
+def test_a_sensor_that_dies_in_flight_is_believed_for_a_minute(every_s):
+    lasting = currents([20.0] * 600 + [-0.3] * 600, every_s)[600:]
+    believed = lasting.index(None)
+    assert believed * every_s == pytest.approx(60.0, abs=every_s)
+    assert set(lasting[believed:]) == {None}
+    assert currents([20.0] * 10 + [-0.3] * 90 + [20.0, -0.3])[-1] == -0.3
 
 
 def test_temperature_is_kept_for_a_minute():
