@@ -17,7 +17,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 
 from bhm_service.battery.chem import Chem
 from bhm_service.battery.circ import Circ
-from bhm_service.battery.effects import EFFECTS, Effect
+from bhm_service.battery.effects import KNOWN, Effect
 from bhm_service.battery.ocv import CubicCapacitance, MonotoneSpline, OpenCircuit
 from bhm_service.battery.parameters import Parameter, parameters_of
 from bhm_service.battery.uncertainty import Uncertainty
@@ -131,7 +131,7 @@ def _schema() -> type[BaseModel]:
     chem = section("Chem", Chem, a_p=(coefficients, ...), a_n=(coefficients, (0.0,)))
     effects = tuple(
         section(effect.__name__, effect, id=(Literal[name], ...), model=(ModelName | None, None))
-        for name, effect in EFFECTS.items()
+        for name, effect in KNOWN.items()
     )
     union: Any = effects[0]
     for effect in effects[1:]:
@@ -171,7 +171,7 @@ def checked_battery(tables: dict[str, Any], where: str) -> BatteryFile:
         chem = Chem(a_p=given.chem.a_p, a_n=given.chem.a_n, **values)
     joined = []
     for entry in given.effect:
-        kind = EFFECTS[entry.id]
+        kind = KNOWN[entry.id]
         values, spread = in_si(kind, entry)
         joined.append(Joined(effect=kind(**values), model=entry.model, sd=spread))
     return BatteryFile(

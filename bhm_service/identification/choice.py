@@ -20,6 +20,7 @@ from bhm_service.identification.unseen import BETTER, Unseen, foretold, unseen_e
 
 _WARM_K = 5.0  # a temperature that moves less tells nothing of resistance
 
+_FULL, _SLOW, _WARM = "resistance near full charge", "slow diffusion", "resistance that follows temperature"
 _CURVES = ("a spline", "the paper's cubic capacitance")
 
 Progress = Callable[[str], None]
@@ -38,9 +39,12 @@ def choose(
         return unseen_error(problem_for(candidate, experiments, premises))
 
     def with_additions(bare: Family, curve: str) -> tuple[Family, Unseen, list[str]]:
-        best, error, said = bare, unseen(bare, f"pieces that the fit does not see{curve}"), []
-        for what, extras in _additions(bare, experiments):
-            candidate = best.with_extras(extras(best.extras))
+        best, error, said = bare, unseen(bare, f"pieces that the fit does not see{curve}"), dict[str, str]()
+        additions = _additions(bare, experiments)
+        judged: dict[str, Extras] = {}  # beside what each was left out: a fault that is mended since may have hidden it
+        while open_ := [what for what in additions if judged.get(what) != best.extras]:
+            what = open_[0]
+            candidate = best.with_extras(additions[what](best.extras))
             by_it = unseen(candidate, what + curve)
             better = by_it.typical < BETTER * error.typical and by_it.possible
             joins = better and by_it.agreed
@@ -48,13 +52,15 @@ def choose(
             if better and not joins:
                 joins, foreseen = foretells(best, candidate)
                 loosely = f", its size loosely told; {foreseen}" if foreseen else loosely
-            said.append(
+            said[what] = (
                 f"{what}: {'joins' if joins else 'left out'}; unseen pieces are off by {1e3 * by_it.typical:.1f} mV "
                 f"with it, {1e3 * error.typical:.1f} mV without{loosely}"
             )
+            judged[what] = best.extras
             if joins:
                 best, error = candidate, by_it
-        return best, error, said
+                del additions[what]
+        return best, error, list(said.values())
 
     def foretells(bare: Family, candidate: Family) -> tuple[bool, str]:
         by_one, by_two = (foretold(problem_for(f, experiments, premises)) for f in (bare, candidate))
@@ -96,13 +102,15 @@ def _listed(volts: Sequence[float]) -> str:
     return ", ".join(f"{1e3 * v:.1f}" for v in volts)
 
 
-def _additions(family: Family, experiments: Sequence[Experiment]) -> list[tuple[str, Callable[[Extras], Extras]]]:
-    found: list[tuple[str, Callable[[Extras], Extras]]] = []
+def _additions(family: Family, experiments: Sequence[Experiment]) -> dict[str, Callable[[Extras], Extras]]:
+    found: dict[str, Callable[[Extras], Extras]] = {}
+    if not family.extras.full:
+        found[_FULL] = lambda e: replace(e, full=True)
     if not family.extras.slow:
-        found.append(("slow diffusion", lambda e: replace(e, slow=True)))
+        found[_SLOW] = lambda e: replace(e, slow=True)
     kelvin = [e.temperature_k for e in experiments if e.temperature_k is not None]
     if len(kelvin) == len(experiments) and not family.extras.temperature:
         everything = np.concatenate(kelvin)
         if float(np.quantile(everything, 0.98) - np.quantile(everything, 0.02)) > _WARM_K:
-            found.append(("resistance that follows temperature", lambda e: replace(e, temperature=True)))
+            found[_WARM] = lambda e: replace(e, temperature=True)
     return found

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from bhm_service.battery.battery_file import Joined, ModelName
-from bhm_service.battery.effects import Effect, ResistanceTemperature, SlowDiffusion
+from bhm_service.battery.effects import Effect, FullChargeResistance, ResistanceTemperature, SlowDiffusion
 from bhm_service.identification.unknowns import Block, numbers, positive
 from bhm_service.units import Array
 
@@ -23,8 +23,10 @@ class Extras:
     temperature: bool = False
     slow: bool = False
     slower: bool = False  # a second pair: diffusion lasts from seconds to an hour
+    full: bool = False  # resistance that grows towards full charge
     names: ClassVar[tuple[str, ...]] = (
         "activation_energy", "slow_resistance", "slow_time", "slower_resistance", "slower_time",
+        "full_resistance", "full_width",
     )  # fmt: skip
 
     @property
@@ -42,6 +44,9 @@ class Extras:
         if self.slower:
             found.append(positive("slower_resistance", 0.5 * ohm, 1e-3 * ohm, 10.0 * ohm, 4.0))
             found.append(positive("slower_time", 1000.0, 15.0, 20000.0, 3.0))
+        if self.full:
+            found.append(positive("full_resistance", 0.2 * ohm, 1e-3 * ohm, 10.0 * ohm, 4.0))
+            found.append(positive("full_width", 0.08, 0.01, 0.4, 2.0))
         return found
 
     def effects(self, values: Mapping[str, Array]) -> list[Effect]:
@@ -53,6 +58,8 @@ class Extras:
             SlowDiffusion(resistance=values[f"{pair}_resistance"], time_constant=values[f"{pair}_time"])
             for pair in self._pairs
         )
+        if self.full:
+            found.append(FullChargeResistance(resistance=values["full_resistance"], width=values["full_width"]))
         return found
 
     def joined(self, model: ModelName, values: Mapping[str, Array], sd: Mapping[str, float]) -> tuple[Joined, ...]:
@@ -66,6 +73,10 @@ class Extras:
             resistance, time = f"{pair}_resistance", f"{pair}_time"
             effect = SlowDiffusion(resistance=_one(values[resistance]), time_constant=_one(values[time]))
             spread = {"resistance": sd[resistance], "time_constant": sd[time]}
+            found.append(Joined(effect=effect, model=model, sd=spread))
+        if self.full:
+            effect = FullChargeResistance(resistance=_one(values["full_resistance"]), width=_one(values["full_width"]))
+            spread = {"resistance": sd["full_resistance"], "width": sd["full_width"]}
             found.append(Joined(effect=effect, model=model, sd=spread))
         return tuple(found)
 

@@ -96,8 +96,8 @@ def identify(request: Request, progress: Progress = lambda _: None) -> Identifie
 
 def steps(request: Request) -> int:
     """How often `identify` will report progress, at most."""
-    per_model = 12 if request.method == "trf" else 5
-    return 1 + len(request.models) * (per_model + bool(request.held_out)) + 5 * ("circ" in request.models)
+    per_model = 16 if request.method == "trf" else 5
+    return 1 + len(request.models) * (per_model + bool(request.held_out)) + 7 * ("circ" in request.models)
 
 
 def _one(
@@ -141,7 +141,7 @@ def _one(
         assessments += [_held_out(solution, e.thinned(6000), premises, request) for e in request.held_out]
     cell = family.finished(solution.values)
     assert isinstance(cell, Circ | Chem)
-    remarks += _strained(solution)
+    remarks += _strained(solution, premises)
     return ModelResult(
         model=model,
         cell=cell,
@@ -200,13 +200,12 @@ def _held_out(solution: Solution, experiment: Experiment, premises: Premises, re
     return assess(experiment, misfit, soc, held_out=True, oracle=best)
 
 
-def _strained(solution: Solution) -> list[str]:
+def _strained(solution: Solution, premises: Premises) -> list[str]:
     """Recordings that fit only from another charge than their own rest says."""
     unknowns = solution.problem.unknowns
     said = []
-    for k, (experiment, (mean, sd)) in enumerate(
-        zip(solution.problem.experiments, solution.problem.soc_prior, strict=True)
-    ):
+    for k, experiment in enumerate(solution.problem.experiments):
+        mean, sd = premises.soc(experiment)
         found = float(solution.x[unknowns.slice_of(f"soc[{k}]")][0])
         if abs(found - mean) > _STRAINED * sd:
             said.append(

@@ -118,7 +118,9 @@ def _of_their_age(begins: Premises, experiments: Sequence[Experiment]) -> Premis
     """The capacity that the recordings under load have, where it is not that of the slow discharge.
 
     Cells age between experiments: what is identified is the cell of the later ones. One recording alone cannot tell a
-    smaller capacity from slow diffusion, and of several the other capacity has to predict unseen pieces better.
+    smaller capacity from slow diffusion, and of several the other capacity has to predict unseen pieces better. More
+    than the slow discharge gave is believed where a recording under load took out more: a fit that wants it otherwise
+    only makes up for what the model lacks.
     """
     slow = [e.kind is Kind.SLOW for e in experiments]
     if not any(slow):
@@ -137,6 +139,8 @@ def _of_their_age(begins: Premises, experiments: Sequence[Experiment]) -> Premis
     scales = np.array([found[f"scale[{k}]"][0, 0] for k in deep])
     shift = float(np.mean(scales))
     if abs(shift) < _AGED or not (np.all(scales > 0.0) or np.all(scales < 0.0)):
+        return begins
+    if shift > 0.0 and max(most[k] for k in deep) <= max(most[k] for k, is_slow in enumerate(slow) if is_slow):
         return begins
     capacity_c = begins.capacity_c * float(np.exp(shift))
     less = "less" if shift < 0.0 else "more"

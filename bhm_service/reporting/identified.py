@@ -19,6 +19,8 @@ PARAMETER_HEADER = ("", "value", "± sd", "unit", "sd, covariance", "sd, bootstr
 _EFFECT_BLOCKS = {
     ("slow-diffusion", "resistance"): ("slow_resistance", "slower_resistance"),
     ("slow-diffusion", "time_constant"): ("slow_time", "slower_time"),
+    ("full-charge-resistance", "resistance"): ("full_resistance",),
+    ("full-charge-resistance", "width"): ("full_width",),
 }
 _FACTOR = 0.5  # of a logarithm: a wider spread is told as a factor
 _NOT_TOLD = "not told"

@@ -7,7 +7,7 @@ import pytest
 from battery.cells import CAPACITY_C, CURVE, circ
 from identification.known import NOISE_V, one_c, slow, variable
 
-from bhm_service.battery.effects import ResistanceTemperature, SlowDiffusion
+from bhm_service.battery.effects import FullChargeResistance, ResistanceTemperature, SlowDiffusion
 from bhm_service.battery.pack import PackModel
 from bhm_service.identification.choice import choose
 from bhm_service.identification.experiment import Experiment, Kind
@@ -18,6 +18,7 @@ from bhm_service.units import REFERENCE_TEMPERATURE_K
 
 SLOW = SlowDiffusion(resistance=0.006, time_constant=400.0)
 HOUR = SlowDiffusion(resistance=0.012, time_constant=4000.0)
+FULL = FullChargeResistance(resistance=0.004, width=0.1)
 COLD = ResistanceTemperature(activation_energy=20e3)
 
 
@@ -50,6 +51,7 @@ def chosen(experiments, *, any_curve=False):
 def test_nothing_joins_a_cell_that_lacks_nothing():
     family, error, remarks = chosen(bench())
     assert not family.extras.slow
+    assert not family.extras.full
     assert error == pytest.approx(NOISE_V, rel=0.3)
     assert any("slow diffusion: left out" in said for said in remarks)
 
@@ -60,6 +62,14 @@ def test_slow_diffusion_that_is_there_joins():
     assert not family.extras.slower
     assert error == pytest.approx(NOISE_V, rel=0.5)
     assert any("slow diffusion: joins" in said for said in remarks)
+
+
+def test_resistance_near_full_charge_joins_where_it_is_and_passes_for_nothing_else():
+    family, error, remarks = chosen(bench(FULL))
+    assert family.extras.full
+    assert not family.extras.slow
+    assert error == pytest.approx(NOISE_V, rel=0.3)
+    assert any("resistance near full charge: joins" in said for said in remarks)
 
 
 def test_diffusion_over_an_hour_joins_beside_that_over_minutes():

@@ -1,4 +1,4 @@
-"""Physics that the base models leave out, one file each; `EFFECTS` finds them by the name used in files."""
+"""Physics that the base models leave out, one file each; `KNOWN` finds them by the name used in files."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from bhm_service.battery.effects.contact import ContactResistance, IntermittentC
 from bhm_service.battery.effects.core_lag import CoreLag
 from bhm_service.battery.effects.current_sensor import CurrentGain, CurrentOffset, UnseenLoad
 from bhm_service.battery.effects.entropic_voltage import EntropicVoltage
+from bhm_service.battery.effects.full_charge import FullChargeResistance
 from bhm_service.battery.effects.hysteresis import Hysteresis
 from bhm_service.battery.effects.rate_capacity import RateCapacity
 from bhm_service.battery.effects.resistance_temperature import ResistanceTemperature
@@ -28,9 +29,13 @@ _ALL: tuple[type[Effect], ...] = (
     IntermittentContact,
 )  # fmt: skip
 EFFECTS: dict[str, type[Effect]] = {effect.id: effect for effect in _ALL}
+"""What may be found missing: the catalogue."""
+KNOWN: dict[str, type[Effect]] = {**EFFECTS, FullChargeResistance.id: FullChargeResistance}
+"""What a battery file may hold: the catalogue, and what a lab alone adds to a cell model."""
 
 __all__ = [
     "EFFECTS",
+    "KNOWN",
     "CapacityFade",
     "ChargeTransfer",
     "ColdCapacity",
@@ -40,6 +45,7 @@ __all__ = [
     "CurrentOffset",
     "Effect",
     "EntropicVoltage",
+    "FullChargeResistance",
     "Hysteresis",
     "IntermittentContact",
     "OcvShape",

@@ -74,6 +74,19 @@ def test_core_rises_above_the_sensor_by_losses_times_resistance():
     np.testing.assert_allclose(inside.voltage, N * CURVE.voltage(inside.soc) - 10.0 * ohm, atol=1e-7)
 
 
+def test_resistance_near_full_charge_falls_by_e_with_every_width_and_heats_the_cells():
+    near_full = fx.FullChargeResistance(resistance=0.003, width=0.05)
+    aged = fx.ResistanceGrowth(growth=0.4, age=1.0)
+    soc = run(OHMIC, soc=1.0).soc
+    closed = -GUSTY * N * 0.003 * np.exp((soc - 1.0) / 0.05)
+    np.testing.assert_allclose(difference(OHMIC, near_full, soc=1.0), closed, atol=1e-9)
+    both = run(OHMIC, near_full, aged, soc=1.0).voltage - run(OHMIC, aged, soc=1.0).voltage
+    np.testing.assert_allclose(both, 1.4 * closed, atol=1e-9)
+    out = run(OHMIC, near_full, fx.SelfHeating(heat_capacity=5.0, conductance=2.0, ambient=290.0), current=STEADY)
+    losses = 10.0 * (N * CURVE.voltage(out.soc) - out.voltage)
+    np.testing.assert_allclose(out.temperature[-300:] - 290.0, losses[-300:] / 2.0, rtol=0.01)
+
+
 @BOTH
 def test_the_order_in_which_effects_join_does_not_matter(cell):
     joined = [
