@@ -35,9 +35,10 @@ _RESISTANCE_DRIFT = 0.006  # of the logarithm of the resistance, per root second
 _CHARGE_BETWEEN = 0.1  # of the current, unseen between samples
 
 # What no multirotor pack does, so what is a fault of the reading. Currents in multiples of the capacity per hour;
-# a little below zero is the sensor's noise around it, more is a sensor that does not measure.
+# a little below zero is the sensor's noise around it, more has to be seen in the voltage as well.
 _CELL_V = (1.0, 5.0)
-_DISCHARGE_C, _CHARGE_C = 100.0, 0.05
+_MOST_C, _NOISE_C = 100.0, 0.05
+_SPEAKS_NATS = 3.0  # of a voltage for one current and against another
 _REST_C = 0.2  # below this the pack rests: its voltage says nothing of its resistance
 _GATE = 25.0  # innovations beyond five standard deviations are not used
 _PATIENCE_S, _PATIENCE_SAMPLES = 8.0, 5  # refused for so long, the filter is what is wrong
@@ -197,7 +198,7 @@ class Tracker:
 
     def step(self, track: Track | None, sample: BatterySample) -> tuple[Track | None, StateEstimate | None]:
         """Take one sample into a track. No estimate comes before the first usable sample."""
-        why = self._refused(sample)
+        why = self._refused(track, sample)
         if track is None:
             if why is not None:
                 return None, None
@@ -300,7 +301,7 @@ class Tracker:
     @staticmethod
     def _load(track: Track, current: float, dt: float) -> float:
         keep = math.exp(-max(dt, 0.0) / _LOAD_MEMORY_S)
-        return keep * track.load_a + (1.0 - keep) * current
+        return keep * track.load_a + (1.0 - keep) * max(current, 0.0)  # what flows back is no load
 
     # ---- noise --------------------------------------------------------------------------------------------------
 
@@ -350,7 +351,7 @@ class Tracker:
         inside: Array = np.minimum(np.maximum(points, self._low), self._high)
         return inside
 
-    def _refused(self, sample: BatterySample) -> Rejection | None:
+    def _refused(self, track: Track | None, sample: BatterySample) -> Rejection | None:
         volts, amps = sample.voltage_v, sample.current_a
         if amps is None:
             return Rejection.NO_CURRENT
@@ -361,9 +362,28 @@ class Tracker:
         cell = volts / self.pack.series
         if not _CELL_V[0] <= cell <= _CELL_V[1]:
             return Rejection.IMPLAUSIBLE
-        if not -_CHARGE_C * self._capacity_a <= amps <= _DISCHARGE_C * self._capacity_a:
+        if not -_MOST_C * self._capacity_a <= amps <= _MOST_C * self._capacity_a:
+            return Rejection.IMPLAUSIBLE
+        if amps < -_NOISE_C * self._capacity_a and not self._flows_back(track, sample):
             return Rejection.IMPLAUSIBLE
         return None
+
+    def _flows_back(self, track: Track | None, sample: BatterySample) -> bool:
+        """Whether the voltage speaks for the negative current, and clearly against the load that there was.
+
+        A sensor that does not measure says a negative current whatever flows; a pack that is fed rises.
+        """
+        if track is None or sample.voltage_v is None or sample.current_a is None:
+            return False
+        volts, amps, dt = sample.voltage_v, sample.current_a, max(sample.time_s - track.time_s, 0.0)
+
+        def square(begin: float, end: float) -> float:
+            moved = self.pack.step(track.belief.mean[None, :], dt, begin, end, sample.temperature_k)
+            return float(volts - self.pack.voltage(moved, end, sample.temperature_k)[0]) ** 2
+
+        variance = self._noise(track.belief, amps, amps, dt) * max(1.0, track.nis)
+        speaks = square(track.load_a, track.load_a) - square(track.current_a, amps)
+        return 0.5 * speaks / variance > _SPEAKS_NATS
 
     # ---- saying -------------------------------------------------------------------------------------------------
 

@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from estimation.scenarios import live
 
 from bhm_service.battery.pack import PackModel
 from bhm_service.battery.uncertainty import Uncertainty
@@ -77,6 +78,20 @@ def test_a_sample_that_is_not_used_says_why(tracker, volts, amps, why):
     _, estimate = tracker.step(track, sample(20.0, volts, amps))
     assert estimate.rejected is why
     assert abs(estimate.soc - track.belief.mean[0]) < 0.002
+
+
+def test_current_that_flows_back_is_counted_where_the_voltage_rises_with_it(tracker):
+    """Half a minute of braking in every minute: the charge that comes back counts, and no sample is refused."""
+    t = np.arange(1200.0)
+    braking = (t % 60.0) >= 30.0
+    amps = np.where(braking, -6.0, 20.0)
+    volts, soc = live(tracker, t, amps, 0.9)
+    track, refused = None, []
+    for now, v, i in zip(t, volts, amps, strict=True):
+        track, estimate = tracker.step(track, sample(float(now), float(v), float(i)))
+        refused.append(estimate.rejected)
+    assert set(refused[60:]) == {None}
+    assert estimate.soc == pytest.approx(soc[-1], abs=0.02)
 
 
 def test_estimate_is_marked_invalid_while_current_is_not_measured(tracker):
