@@ -216,17 +216,19 @@ _STEP_V = 0.04  # [V] a cell: more than this across an interruption is another c
 _JUMP_V = 0.10  # [V] a cell: more than this from one resting sample to the next, without one
 _SETTLED_S = 60.0  # after a load the voltage still rises by itself
 _SILENCE_S = 5.0
+_STAYS = 0.5  # of a step of the voltage has to be there in the next sample: single readings jump
 
 
 @dataclass(slots=True)
 class PackWatch:
-    """Notices on the ground that the pack is another one, or was charged."""
+    """Notices on the ground that the pack is another one, or was charged: with the sample after the one that shows it."""
 
     series: int
     rest_a: float  # [A] below this the pack rests
     _last: BatterySample | None = None
     _loaded_s: float = -1e18
     _interrupted: str = ""
+    _suspected: tuple[float, float, str] | None = None  # [V] before and after a step, and what it is
     _boot_s: float | None = None
     _consumed_c: float | None = None
 
@@ -255,6 +257,13 @@ class PackWatch:
         rests = abs(now.current_a) < self.rest_a
         if not rests:
             self._loaded_s = now.time_s
+        suspected, self._suspected = self._suspected, None
+        if suspected is not None:
+            before, after, because = suspected
+            # Under load nothing disproves it, and an old charge that is trusted wrongly is the worse mistake.
+            if not rests or abs(now.voltage_v - before) > _STAYS * abs(after - before):
+                return PackChange(time_s=now.time_s, because=because)
+            return None
         if last is None or last.voltage_v is None or airborne or not rests:
             return None
         if now.time_s - last.time_s > _SILENCE_S and not self._interrupted:
@@ -262,10 +271,13 @@ class PackWatch:
         step = (now.voltage_v - last.voltage_v) / self.series
         interrupted, self._interrupted = self._interrupted, ""
         recovering = max(0.0, 0.15 - 0.15 * (last.time_s - self._loaded_s) / _SETTLED_S)
+        because = ""
         if interrupted and (step > _STEP_V + recovering or step < -_STEP_V):
-            return PackChange(time_s=now.time_s, because=f"{interrupted} and the voltage went {_by(step)}")
-        if step > _JUMP_V + recovering:
-            return PackChange(time_s=now.time_s, because=f"the resting voltage jumped {_by(step)}")
+            because = f"{interrupted} and the voltage went {_by(step)}"
+        elif step > _JUMP_V + recovering:
+            because = f"the resting voltage jumped {_by(step)}"
+        if because:
+            self._suspected = (last.voltage_v, now.voltage_v, because)
         return None
 
 

@@ -171,6 +171,16 @@ def test_a_hot_swap_is_noticed_by_the_voltage_alone():
     assert len(changes(resting(14.6, 0.0) + resting(16.7, 5.0))) == 1
 
 
+def test_a_single_reading_that_jumps_is_no_other_pack():
+    """Seen in logs: one sample at rest 1.2 V above its neighbours."""
+    assert changes([*resting(14.6, 0.0), sample(5.0, volts=16.0, amps=0.2), *resting(14.6, 6.0)]) == []
+
+
+def test_a_jump_is_believed_where_a_load_hides_whether_it_stays():
+    loaded = [sample(6.0 + k, volts=14.5, amps=20.0) for k in range(5)]
+    assert len(changes([*resting(14.6, 0.0), sample(5.0, volts=16.0, amps=0.2), *loaded])) == 1
+
+
 def test_a_pack_that_recovers_after_landing_is_no_other():
     rising = [sample(10.0 + k, volts=14.0 + 0.05 * min(k, 10), amps=0.2) for k in range(40)]
     assert changes([sample(9.0, volts=13.2, amps=20.0), *rising]) == []
