@@ -221,7 +221,7 @@ _STAYS = 0.5  # of a step of the voltage has to be there in the next sample: sin
 
 @dataclass(slots=True)
 class PackWatch:
-    """Notices on the ground that the pack is another one, or was charged: with the sample after the one that shows it."""
+    """Notices on the ground that the pack is another one, or was charged: one sample after the first that shows it."""
 
     series: int
     rest_a: float  # [A] below this the pack rests
