@@ -15,11 +15,12 @@ import numpy as np
 from bhm_service.config import Vehicle
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.noise import Noise
+from bhm_service.discrepancy.slopes import Slopes
 from bhm_service.identification.unknowns import Block, Unknowns, joined, numbers
 from bhm_service.prediction.demand import AIR_DENSITY, air_density, hover_power
 from bhm_service.prediction.demand_effects import DEMAND_EFFECTS, DemandEffect, Motion, demanded
 from bhm_service.prediction.demand_file import KnownDemand, known_demand
-from bhm_service.units import Array
+from bhm_service.units import Array, Places
 
 # One standard deviation. The level: 2 % of mass (3 % of power), 5 % of efficiency, 3 % of the current sensor, weather.
 LEVEL_SD, AVIONICS_SD = 0.08, 0.2
@@ -215,8 +216,8 @@ class Demand:
             for k, f in enumerate(self.flights)
         ]
 
-    def linearised(self, x: Array, noise: Noise) -> tuple[list[Array], list[Array]]:
-        """Whitened residuals of every flight, and their derivatives (rows, n) by the vector in standard deviations."""
+    def linearised(self, x: Array, noise: Noise) -> tuple[list[Array], list[Slopes]]:
+        """Whitened residuals of every flight, and their derivatives by the vector in standard deviations."""
         rows, slopes = [], []
         steps = np.where(x + _STEP * self.scale > self.unknowns.high, -_STEP, _STEP) * self.scale
         for k, data in enumerate(self.flights):
@@ -224,13 +225,11 @@ class Demand:
             points = np.tile(x, (used.size + 1, 1))
             points[np.arange(1, used.size + 1), used] += steps[used]
             white = noise.whitened((data.power_w - self.predicted(points, k)) / self.craft.hover_w)
-            slope = np.zeros((white.shape[1], x.size))
-            slope[:, used] = ((white[1:] - white[0]) / (steps / self.scale)[used, None]).T
             rows.append(white[0])
-            slopes.append(slope)
+            slopes.append(Slopes(((white[1:] - white[0]) / (steps / self.scale)[used, None]).T, used, x.size))
         return rows, slopes
 
-    def _used(self, flight: int) -> Array:
+    def _used(self, flight: int) -> Places:
         """The numbers of the vector that a flight depends on."""
         own = {"flight", *(t.key for t in self.terms if t.per_flight)}
         where = [np.arange(p.start, p.stop) for p in self.places.values()]

@@ -92,7 +92,7 @@ def evidence(fitted: Fit, inflation: float) -> float:
     demand = fitted.joint
     at, own = demand.pulls(fitted.x), demand.places["flight"]
     data = fitted.curvature - demand.known
-    slope = fitted.slope.T @ fitted.weighted
+    slope = fitted.back(fitted.weighted[:, None])[:, 0]
     cost = bulk(fitted.rows)
     found = []
     for sd in FLIGHT_SDS:
@@ -205,7 +205,7 @@ def _geometry(found: DemandSearch, bare: Fit, term: Term) -> Geometry:
     assert declared.absent is not None
     x = np.concatenate([bare.x, np.full(term.block().size, declared.absent)])
     _, slopes = demand.linearised(x, found.noise)
-    return geometry_of(bare, np.vstack(slopes)[:, bare.x.size :])[0]
+    return geometry_of(bare, np.vstack([s.full()[:, bare.x.size :] for s in slopes]))[0]
 
 
 def _expected_snr(geometry: Geometry, term: Term) -> float:

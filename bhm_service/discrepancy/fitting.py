@@ -12,6 +12,7 @@ from typing_extensions import TypeVar
 
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.noise import Noise
+from bhm_service.discrepancy.slopes import Slopes, parted
 from bhm_service.identification.unknowns import Unknowns
 from bhm_service.units import Array
 
@@ -45,8 +46,8 @@ class Problem(Protocol):
         """For each flight whitened residuals (N,)."""
         ...
 
-    def linearised(self, x: Array, noise: Noise) -> tuple[list[Array], list[Array]]:
-        """For each flight whitened residuals (N,) and their slopes (N, n) by the vector in standard deviations."""
+    def linearised(self, x: Array, noise: Noise) -> tuple[list[Array], list[Slopes]]:
+        """For each flight whitened residuals (N,) and their slopes by the vector in standard deviations."""
         ...
 
 
@@ -76,29 +77,36 @@ class Fitted(Generic[ProblemT]):
     x: Array
     cost: float
     rows: list[Array]
-    slopes: list[Array]
     curvature: Array  # of half the cost, by the vector in standard deviations of the prior
+    gradient: Array  # likewise
+
+    @cached_property
+    def slopes(self) -> list[Slopes]:
+        """Of every flight; made when they are asked for, since most fits are only compared by their evidence."""
+        return self.joint.linearised(self.x, self.noise)[1]
 
     @cached_property
     def known_curvature(self) -> Array:
         """The curvature with every residual at its full weight."""
-        return np.asarray(self.slope.T @ self.slope + self.joint.known)
+        total = self.joint.known.copy()
+        for slope in self.slopes:
+            slope.add_square(total)
+        return total
 
-    @cached_property
-    def slope(self) -> Array:
-        """The slopes of all flights, one below the other."""
-        return np.vstack(self.slopes)
+    def back(self, series: Array) -> Array:
+        """The slopes of all flights, transposed, times series of residuals (N, k); (n, k)."""
+        parts = zip(parted(series, self.slopes), self.slopes, strict=True)
+        return np.asarray(sum(slope.back(own.T) for own, slope in parts)).T
+
+    def along(self, steps: Array) -> Array:
+        """What steps of the vector (n, k) do to the residuals of all flights; (N, k)."""
+        return np.concatenate([slope.along(steps) for slope in self.slopes])
 
     @cached_property
     def weighted(self) -> Array:
         """The innovations of all flights, each times its weight."""
         row = np.concatenate(self.rows)
         return np.asarray(weights(row) * row)
-
-    @cached_property
-    def gradient(self) -> Array:
-        """Of half the cost, by the vector in standard deviations of the prior."""
-        return _gradient(self.joint, self.x, self.rows, self.slopes)
 
     @property
     def size(self) -> int:
@@ -181,20 +189,19 @@ def fit(
         damping = max(damping * 0.2, 1e-6)
         if gain < enough:
             break
-    return Fitted(joint=joint, noise=noise, x=x, cost=cost, rows=rows, slopes=slopes, curvature=curvature)
+    gradient = _gradient(joint, x, rows, slopes)
+    return Fitted(joint=joint, noise=noise, x=x, cost=cost, rows=rows, curvature=curvature, gradient=gradient)
 
 
-def _gradient(joint: Problem, x: Array, rows: Sequence[Array], slopes: Sequence[Array]) -> Array:
+def _gradient(joint: Problem, x: Array, rows: Sequence[Array], slopes: Sequence[Slopes]) -> Array:
     total = joint.known @ joint.unknowns.pulls(x)[0]
     for row, slope in zip(rows, slopes, strict=True):
-        total = total + slope.T @ (weights(row) * row)
+        total = total + slope.back(weights(row) * row)
     return np.asarray(total)
 
 
-def _curvature(joint: Problem, rows: Sequence[Array], slopes: Sequence[Array]) -> Array:
+def _curvature(joint: Problem, rows: Sequence[Array], slopes: Sequence[Slopes]) -> Array:
     total = joint.known.copy()
     for row, slope in zip(rows, slopes, strict=True):
-        # A matrix times itself is half the work.
-        by_root = slope * np.sqrt(weights(row))[:, None]
-        total += by_root.T @ by_root
-    return np.asarray(total)
+        slope.add_square(total, weights(row))
+    return total

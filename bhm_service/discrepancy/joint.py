@@ -14,6 +14,7 @@ from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.lab import BEND_SOC, Lab, LabError, hats
 from bhm_service.discrepancy.noise import Noise
+from bhm_service.discrepancy.slopes import Slopes
 from bhm_service.identification.unknowns import Block, Unknowns, joined, numbers
 from bhm_service.units import Array, Flags, Places
 
@@ -312,9 +313,9 @@ class Joint:
             found |= {int(k): own[0] for k, own in zip(group.places, rows, strict=True)}
         return [found[k] for k in range(len(self.flights))]
 
-    def linearised(self, x: Array, noise: Noise) -> tuple[list[Array], list[Array]]:
-        """Whitened residuals of every flight, and their derivatives (rows, n) by the vector in standard deviations."""
-        found: dict[int, tuple[Array, Array]] = {}
+    def linearised(self, x: Array, noise: Noise) -> tuple[list[Array], list[Slopes]]:
+        """Whitened residuals of every flight, and their derivatives by the vector in standard deviations."""
+        found: dict[int, tuple[Array, Slopes]] = {}
         used = self._columns
         points, steps = self._moved(x, used)
         for group in abreast(self.flights):
@@ -324,14 +325,16 @@ class Joint:
             parts = zip(group.places.tolist(), group.flights, self._rows(run, group, noise), strict=True)
             for k, (flight, data, rows) in enumerate(parts):
                 count, moved, places = data.time_s.size, used[flight], self._additions[flight]
-                slope = np.zeros((x.size, rows.shape[1]))  # a number's slopes lie side by side: they are made so
-                slope[moved] = (rows[1:] - rows[0]) * (self.scale[moved] / steps[moved])[:, None]
-                slope[places, :count] = white[:, k, :count] * -self.scale[places][:, None]
+                # A number's slopes lie side by side: they are made so.
+                slope = np.zeros((moved.size + places.size, rows.shape[1]))
+                adding = slope[moved.size :]
+                slope[: moved.size] = (rows[1:] - rows[0]) * (self.scale[moved] / steps[moved])[:, None]
+                adding[:, :count] = white[:, k, :count] * -self.scale[places][:, None]
                 slope[:, :count][:, group.unread[k, :count]] = 0.0
                 if rows.shape[1] > count:
-                    bends = places[: BEND_SOC.size]
-                    slope[bends, -1] = -added[: BEND_SOC.size, k, count - 1] * self.scale[bends] / self._rest_sd_v
-                found[flight] = rows[0], slope.T
+                    bends = slice(0, BEND_SOC.size)
+                    adding[bends, -1] = -added[bends, k, count - 1] * self.scale[places[bends]] / self._rest_sd_v
+                found[flight] = rows[0], Slopes(slope.T, np.concatenate([moved, places]), x.size)
         return [found[k][0] for k in range(len(self.flights))], [found[k][1] for k in range(len(self.flights))]
 
     def slopes_of(self, member: Candidate, x: Array, noise: Noise) -> list[Array]:

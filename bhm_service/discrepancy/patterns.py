@@ -76,7 +76,7 @@ def _added(fitted: Fitted, shapes: Array) -> tuple[Array, Array, float]:
         white[:, ~np.isfinite(data.voltage_v)] = 0.0
         weighted = white * weights(row[:count])
         score += weighted @ row[:count]
-        across += weighted @ slope[:count]
+        across += slope.until(count).back(weighted)
         own += weighted @ white.T
         begin += count
     # A fit that stopped a little before its end, or at a bound, must not look like a pattern.

@@ -11,6 +11,7 @@ from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.fitting import Fitted, ProblemT, fit
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.noise import Noise, estimated
+from bhm_service.discrepancy.slopes import Slopes
 from bhm_service.discrepancy.steps import contact_candidate, episodes
 from bhm_service.units import Array
 
@@ -168,12 +169,12 @@ def _slope(at: Fitted, joint: Joint, candidate: Candidate) -> Array:
 
 def geometry_of(at: Fitted[ProblemT], own: Array) -> tuple[Geometry, Array]:
     """Numbers of these slopes (rows, numbers) added to a fit, and their score."""
-    both = at.slope.T @ own
-    across = np.linalg.solve(at.known_curvature, both)
+    both = at.back(own)
+    across = np.asarray(np.linalg.solve(at.known_curvature, both), dtype=float)
     # Where the fit stands, what is known before of its own numbers pulls as hard as the residuals do: the residuals
     # along those numbers are not for the candidate to lose.
     score = across.T @ at.gradient - own.T @ at.weighted
-    return Geometry(own.T @ own - both.T @ across, at.slope @ across - own), score
+    return Geometry(own.T @ own - both.T @ across, at.along(across) - own), score
 
 
 def _linear_gain(at: Fitted, joint: Joint, candidate: Candidate) -> float:
@@ -211,28 +212,32 @@ def saturated_noise(at: Fitted, candidates: Sequence[Candidate]) -> Noise:
     joint = at.joint
     plain = Noise(0.0, 0.0, 1.0)
     rows, slopes = joint.linearised(at.x, plain)
-    columns = [[slope] for slope in slopes]
-    numbers = at.x.size
+    parts = [[s.by] for s in slopes]
+    places = [[s.at] for s in slopes]
+    held, numbers = at.x.size, at.x.size
     for candidate in (c for c in candidates if c not in joint.members):
         wider = Joint(joint.lab, joint.flights, (*joint.members, candidate))
         numbers += wider.unknowns.start.size - at.x.size
-        for own, slope in zip(columns, wider.slopes_of(candidate, _absent(wider, at, candidate), plain), strict=True):
-            own.append(slope)
-    design = np.vstack([np.hstack(c) for c in columns])
-    weight = np.concatenate([np.full(r.size, 1.0) for r in rows])
+        own = wider.slopes_of(candidate, _absent(wider, at, candidate), plain)
+        for k, slope in enumerate(own):
+            felt = np.flatnonzero(slope.any(axis=0))
+            parts[k].append(slope[:, felt])
+            places[k].append(held + felt)
+        held += own[0].shape[1]
+    design = [Slopes(np.hstack(by), np.concatenate(where), held) for by, where in zip(parts, places, strict=True)]
     lengths = [f.time_s.size for f in joint.flights]
-    for k, row in enumerate(rows):
-        if row.size > lengths[k]:
-            weight[sum(r.size for r in rows[:k]) + lengths[k]] = 0.0
     # The mean over all numbers: those by which a candidate's form may be off do nothing at no effect.
-    ridge = np.full(design.shape[1], 1e-6 * float(np.sum(design**2)) / numbers)
-    left = np.concatenate(rows) - design @ np.linalg.solve(
-        design.T @ (weight[:, None] * design) + np.diag(ridge), design.T @ (weight * np.concatenate(rows))
-    )
-    at_row = np.cumsum([0, *(r.size for r in rows)])
-    parts = [left[at_row[k] : at_row[k] + lengths[k]] for k in range(len(rows))]
-    noise = estimated(parts, joint.lab.series * _FLOOR_V)
-    alike = float(np.clip(_WITNESSES * len(parts), 1.0, _MOST_DOUBT))
+    ridge = 1e-6 * sum(float(np.sum(d.by**2)) for d in design) / numbers
+    square, score = ridge * np.eye(held), np.zeros(held)
+    for flown, row, count in zip(design, rows, lengths, strict=True):
+        flown.until(count).add_square(square)
+        score += flown.until(count).back(row[:count])
+    sizes = np.asarray(np.linalg.solve(square, score), dtype=float)
+    left = [
+        row[:count] - flown.until(count).along(sizes) for flown, row, count in zip(design, rows, lengths, strict=True)
+    ]
+    noise = estimated(left, joint.lab.series * _FLOOR_V)
+    alike = float(np.clip(_WITNESSES * len(left), 1.0, _MOST_DOUBT))
     poor = float(np.clip(joint.lab.voltage_error_v / _USUAL_V, 1.0, _MOST_DOUBT)) if joint.lab.identified else 1.0
     return replace(noise, sudden=_SUDDEN, doubt=alike * poor)
 

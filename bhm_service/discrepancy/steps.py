@@ -75,7 +75,7 @@ def _in_flight(fitted: Fitted, flight: int) -> list[Episode]:
 
 def _nuisance(fitted: Fitted, flight: int, count: int) -> Array:
     """Directions that the other unknowns can take in this flight, orthonormal, the well known ones shrunk away."""
-    slope = fitted.slopes[flight][:count]
+    slope = fitted.slopes[flight].by[:count]
     values, vectors = np.linalg.eigh(slope.T @ slope)
     strong = values > 1.0
     return np.asarray((slope @ vectors[:, strong] / np.sqrt(values[strong])).T)

@@ -73,7 +73,7 @@ def searched(flights: Sequence[FlightData], costs: Mapping[tuple[str, ...], floa
     for names, cost in costs.items():
         joint = found.joint(frozenset(names))
         x = joint.unknowns.start
-        found.fits[frozenset(names)] = Fitted(joint, NOISE, x, cost, [np.ones(100)], [], np.eye(x.size))
+        found.fits[frozenset(names)] = Fitted(joint, NOISE, x, cost, [np.ones(100)], np.eye(x.size), np.zeros(x.size))
     return found
 
 

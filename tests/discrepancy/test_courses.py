@@ -21,7 +21,9 @@ def test_an_inferred_temperature_begins_where_the_numbers_say_and_rises_under_lo
     x = joint.unknowns.start.copy()
     x[joint.unknowns.slice_of("self-heating.ambient")] = [278.0, 291.0]
     x[joint.unknowns.slice_of("self-heating.start_above")] = [4.0, 0.0]
-    fitted = Fitted(joint=joint, noise=NOISE, x=x, cost=0.0, rows=[], slopes=[], curvature=1e6 * np.eye(x.size))
+    fitted = Fitted(
+        joint=joint, noise=NOISE, x=x, cost=0.0, rows=[], curvature=1e6 * np.eye(x.size), gradient=np.zeros(x.size)
+    )
     cold, mild = courses_of(Joint(lab(), flights), fitted)
     assert cold.hidden["temperature"][0][0] == pytest.approx(282.0)
     assert mild.hidden["temperature"][0][0] == pytest.approx(291.0)

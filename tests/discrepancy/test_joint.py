@@ -63,7 +63,7 @@ def test_derivatives_are_those_of_the_residuals(model, members):
         for u in member.unknowns:
             where = joint.places[u.name]
             x[where] += 0.3 * joint.scale[where] * np.sign(inner[where] - x[where] + 1e-12)
-    _, slopes = joint.linearised(x, NOISE)
+    slopes = full_slopes(joint, x)
     step = 0.01
     for k in range(x.size):
         sides = []
@@ -78,7 +78,7 @@ def test_derivatives_are_those_of_the_residuals(model, members):
 
 def test_what_belongs_to_a_flight_moves_no_other():
     joint = with_members(FLIGHTS, {"partial-charge"})
-    _, slopes = joint.linearised(joint.unknowns.start, NOISE)
+    slopes = full_slopes(joint, joint.unknowns.start)
     for name in ("start_soc", "partial-charge.deficit"):
         first = joint.places[name].start
         assert np.abs(slopes[0][:, first]).max() > 0.0
@@ -88,10 +88,16 @@ def test_what_belongs_to_a_flight_moves_no_other():
 def test_readings_that_are_missing_weigh_nothing():
     holed = replace(FLIGHTS[0], voltage_v=np.where(np.arange(150) == 60, np.nan, FLIGHTS[0].voltage_v))
     joint = base([holed, FLIGHTS[1]])
-    rows, slopes = joint.linearised(joint.unknowns.start, NOISE)
+    rows, _ = joint.linearised(joint.unknowns.start, NOISE)
+    slopes = full_slopes(joint, joint.unknowns.start)
     assert rows[0][60] == 0.0
     assert not slopes[0][60].any()
     assert np.isfinite(rows[0]).all()
+
+
+def full_slopes(joint, x):
+    """Of every flight by the whole vector."""
+    return [slope.full() for slope in joint.linearised(x, NOISE)[1]]
 
 
 UNLIKE = [
@@ -110,7 +116,7 @@ def test_flights_side_by_side_are_as_each_alone(names):
     start = joint.unknowns.start
     x = start + 0.3 * joint.scale * np.sin(np.arange(start.size))
     together = joint.all_predicted(x[None, :])
-    rows, slopes = joint.linearised(x, NOISE)
+    rows, slopes = joint.linearised(x, NOISE)[0], full_slopes(joint, x)
     for k, (modelled, own) in enumerate(zip(together, joint.residuals(x, NOISE), strict=True)):
         alone = joint.predicted(x[None, :], k)
         np.testing.assert_allclose(modelled.voltage, alone.voltage, atol=1e-9)
@@ -119,8 +125,8 @@ def test_flights_side_by_side_are_as_each_alone(names):
         np.testing.assert_allclose(rows[k], own, atol=1e-9)
         others = {"start_soc", "partial-charge.deficit", *(f"form_flight.{name}" for name in names)} & set(joint.places)
         single = subset(joint, [k])
-        kept = restricted(Fitted(joint, NOISE, x, 0.0, [], [], np.zeros((0, 0))), single, [k])
-        (lone,), (slope,) = single.linearised(kept, NOISE)
+        kept = restricted(Fitted(joint, NOISE, x, 0.0, [], np.zeros((0, 0)), np.zeros(0)), single, [k])
+        (lone,), (slope,) = single.linearised(kept, NOISE)[0], full_slopes(single, kept)
         np.testing.assert_allclose(rows[k], lone, atol=1e-9)
         for name, where in joint.places.items():
             mine = slopes[k][:, where]

@@ -140,7 +140,9 @@ def test_values_of_a_fit_are_in_declared_units_and_one_a_flight_where_flights_di
         "lab_resistance": np.log(1.18),
     }.items():  # fmt: skip
         x[joint.unknowns.slice_of(name)] = numbers
-    fitted = Fitted(joint=joint, noise=NOISE, x=x, cost=0.0, rows=[], slopes=[], curvature=np.eye(x.size))
+    fitted = Fitted(
+        joint=joint, noise=NOISE, x=x, cost=0.0, rows=[], curvature=np.eye(x.size), gradient=np.zeros(x.size)
+    )
     assert values_of(fitted, "hysteresis") == pytest.approx({"amplitude": 21.0, "reach": 0.07, "begin": -0.5})
     assert values_of(fitted, "partial-charge")["deficit"] == pytest.approx([0.12, 0.05])
     assert moved_of(fitted) == pytest.approx({"resistance": 0.18, "capacity": 0.0})
@@ -152,7 +154,9 @@ def test_episodes_of_a_contact_keep_their_times_and_flights():
     for count, words in ((1, "1:00 to 1:40 of flight 01"), (2, "2:00 to the end of flight 02")):
         joint = Joint(lab(), flights, (contact_candidate(found[:count], 2),))
         x = joint.unknowns.start
-        fitted = Fitted(joint=joint, noise=NOISE, x=x, cost=0.0, rows=[], slopes=[], curvature=np.eye(x.size))
+        fitted = Fitted(
+            joint=joint, noise=NOISE, x=x, cost=0.0, rows=[], curvature=np.eye(x.size), gradient=np.zeros(x.size)
+        )
         text = effect_in_words(
             "intermittent-contact", values_of(fitted, "intermittent-contact"), lab(), flights,
             [course(f) for f in flights],
