@@ -16,6 +16,8 @@ from bhm_service.units import Array, Places
 
 _STEPS = "intermittent-contact"
 _STARTS = ("partial-charge", "self-discharge")
+_FINEST = 0.25  # times what is declared: how alike flights may be expected to be in what differs between them
+_SCALE_NATS = 1.0  # that a scale costs which the flights themselves gave
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +72,23 @@ class Candidate:
     def blocks(self, flights: int) -> list[Block]:
         """The unknowns that it adds."""
         return [u.block(flights) for u in self.unknowns]
+
+    def as_spread(self, found: Mapping[str, Array]) -> Candidate:
+        """The same with sizes that differ from flight to flight expected as far apart as a fit ``found`` them.
+
+        Never farther than declared. With the widest of priors for each of many flights, small sizes could be seen in
+        every flight and still not pay for it.
+        """
+        scaled = []
+        for u in self.unknowns:
+            if u.per_flight and u.declared.absent is not None:
+                mean, sd = u.prior
+                apart = float(np.sqrt(np.mean((found[u.name] - u.declared.absent) ** 2)))
+                scaled.append(replace(u, prior=(mean, float(np.clip(apart, _FINEST * sd, sd)))))
+            else:
+                scaled.append(u)
+        finer = any(own.prior[1] < u.prior[1] for own, u in zip(scaled, self.unknowns, strict=True))
+        return replace(self, unknowns=tuple(scaled), price=self.price + _SCALE_NATS) if finer else self
 
     def on(self, flights: Sequence[int]) -> Candidate:
         """The same for some of the flights."""

@@ -136,8 +136,8 @@ def _witness(request: Request, found: Search, flights: tuple[FlightData, ...]) -
         return None
     lab = lab_of(request.battery, other, request.series, request.capacity_c)
     tried, _ = _tried(lab, flights)
-    contacts = [c for c in found.candidates if c.price > 0.0]
-    return witness(lab, found.base, [*tried, *contacts])
+    by_name = {c.id: c for c in tried} | {c.id: c for c in found.candidates if c.price > 0.0}
+    return witness(lab, found.base, list(by_name.values()))
 
 
 def _significant(

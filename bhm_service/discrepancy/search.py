@@ -255,7 +255,7 @@ def search(base: Joint, candidates: Sequence[Candidate], progress: Progress = la
     best = found.fits[found.ranked()[0]]
     steps = episodes(best)
     contacts = [contact_candidate(steps, len(base.flights))] if steps else []
-    everything = (*found.candidates, *contacts)
+    everything = (*(_as_spread(found, c) for c in found.candidates), *contacts)
     noise = saturated_noise(best, everything)
     progress("sets of effects")
     # An effect that is part of the answer is in the fit already; what is still pulled is the model's own error.
@@ -267,6 +267,13 @@ def search(base: Joint, candidates: Sequence[Candidate], progress: Progress = la
         again.fitted(names, found.fits[names])
     _grow(again, depth=_DEPTH, progress=progress)
     return again
+
+
+def _as_spread(found: Search, candidate: Candidate) -> Candidate:
+    alone = found.fits.get(frozenset({candidate.id}))
+    if alone is None:
+        return candidate
+    return candidate.as_spread({name: rows[0] for name, rows in alone.joint.values(alone.x[None, :]).items()})
 
 
 def _grow(found: Search, depth: int, progress: Progress) -> None:
