@@ -143,7 +143,7 @@ def candidates(
     for kind in EFFECTS.values():
         if kind.id == _STEPS:
             continue  # its times are found first
-        if kind.id in joined:
+        if kind.id in joined and not kind.repeats:
             missing.append(NotExcited(kind.id, "is in the battery file already"))
             continue
         if kind.id in _STARTS and not identified:

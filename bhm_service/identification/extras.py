@@ -46,7 +46,7 @@ class Extras:
             found.append(positive("slower_time", 1000.0, 15.0, 20000.0, 3.0))
         if self.full:
             found.append(positive("full_resistance", 0.2 * ohm, 1e-3 * ohm, 10.0 * ohm, 4.0))
-            found.append(positive("full_width", 0.08, 0.01, 0.4, 2.0))
+            found.append(positive("full_width", 0.1, 0.01, 5.0, 4.0))
         return found
 
     def effects(self, values: Mapping[str, Array]) -> list[Effect]:

@@ -56,6 +56,13 @@ def test_what_is_in_the_battery_already_is_not_tried_again():
     assert next(m.because for m in missing if m.id == "capacity-fade") == "is in the battery file already"
 
 
+def test_a_battery_that_has_slow_diffusion_may_lack_more_of_it():
+    """Most packs are identified with a slow pair; what their flights lack may be another one."""
+    tried, missing = candidates(four("capacity-fade"), "circ", WH, joined=["slow-diffusion"])
+    assert "slow-diffusion" in {c.id for c in tried}
+    assert "slow-diffusion" not in {m.id for m in missing}
+
+
 def test_a_weak_cell_is_looked_for_only_where_a_flight_goes_deep():
     flights = four("capacity-fade")
     drawn = max(float(f.charge_c[-1]) for f in flights)

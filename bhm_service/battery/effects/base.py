@@ -70,6 +70,7 @@ class Physics:
     drivers: ClassVar[tuple[str, ...]] = ()  # what must be known beside current and voltage
     supplies: ClassVar[tuple[str, ...]] = ()  # drivers that it carries as a state where they are not measured
     shown_below: ClassVar[float] = 1.0  # charge that a flight must reach, else it looks like its mimics
+    repeats: ClassVar[bool] = False  # a battery that has it already may lack more of it
     shown_by: ClassVar[tuple[str, ...]] = ()  # one of these must be joined too, else it changes nothing
 
     @classmethod

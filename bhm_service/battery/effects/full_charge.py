@@ -26,7 +26,14 @@ class FullChargeResistance(Effect):
     excited_by: ClassVar[str] = "a load from full charge"
 
     resistance: Value = parameter("R_f", "ohm", 0.0, 1.0, "of a cell, at full charge", absent=0.0, prior=(5e-4, 5e-4))
-    width: Value = parameter("w", "1", 0.01, 0.5, "charge over which it falls to a third", prior=(0.08, 0.05))
+    width: Value = parameter(
+        "w",
+        "1",
+        0.01,
+        10.0,
+        "charge over which it falls to a third; beyond 1 it falls in a straight line",
+        prior=(0.08, 0.05),
+    )
 
     def heat(self, state: tuple[Value, ...], now: Instant) -> Value:
         return self.series_resistance(state, now) * now.current**2

@@ -27,6 +27,7 @@ class SlowDiffusion(Effect):
     mimics: ClassVar[tuple[str, ...]] = ("hysteresis", "ocv-shape", "self-heating")
     manoeuvre: ClassVar[str] = "keep recording for 5-10 min of rest after landing"
     state_names: ClassVar[tuple[str, ...]] = ("slow_v",)
+    repeats: ClassVar[bool] = True
 
     resistance: Value = parameter(
         "R_2", "ohm", 0.0, 1.0, "resistance of the slow pair, of a cell", absent=0.0, prior=(8e-4, 5e-4),
