@@ -22,17 +22,12 @@ class FullChargeResistance(Effect):
     id: ClassVar[str] = "full-charge-resistance"
     title: ClassVar[str] = "More resistance near full charge"
     equation: ClassVar[str] = "R = R_f e^((SoC - 1) / w)"
-    source: ClassVar[str] = "exchange current falls as x(1 - x) does: pulse tests show 10-60 % more at full charge"
+    source: ClassVar[str] = "charge transfer slows down as x(1 - x) falls towards full charge"
     excited_by: ClassVar[str] = "a load from full charge"
 
-    resistance: Value = parameter("R_f", "ohm", 0.0, 1.0, "of a cell, at full charge", absent=0.0, prior=(5e-4, 5e-4))
+    resistance: Value = parameter("R_f", "ohm", 0.0, 1.0, "of a cell, at full charge", absent=0.0)
     width: Value = parameter(
-        "w",
-        "1",
-        0.01,
-        10.0,
-        "charge over which it falls to a third; beyond 1 it falls in a straight line",
-        prior=(0.08, 0.05),
+        "w", "1", 0.01, 10.0, "charge over which it falls to a third; far above 1: a straight line"
     )
 
     def heat(self, state: tuple[Value, ...], now: Instant) -> Value:
