@@ -26,9 +26,7 @@ class FullChargeResistance(Effect):
     excited_by: ClassVar[str] = "a load from full charge"
 
     resistance: Value = parameter("R_f", "ohm", 0.0, 1.0, "of a cell, at full charge", absent=0.0)
-    width: Value = parameter(
-        "w", "1", 0.01, 10.0, "charge over which it falls to a third; far above 1: a straight line"
-    )
+    width: Value = parameter("w", "1", 0.01, 10.0, "charge over which it falls to a third; well above 1: straight")
 
     def heat(self, state: tuple[Value, ...], now: Instant) -> Value:
         return self.series_resistance(state, now) * now.current**2
