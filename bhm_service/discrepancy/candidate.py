@@ -15,7 +15,15 @@ from bhm_service.identification.unknowns import Block, numbers
 from bhm_service.units import Array, Places
 
 _STEPS = "intermittent-contact"
+_ONE_OF_MANY = "weak-cell"
+# What a battery file of another pack leaves open, by what it is that these would change.
 _STARTS = ("partial-charge", "self-discharge")
+_SCALES = {
+    "capacity-fade": "capacity",
+    "resistance-growth": "resistance",
+    "contact-resistance": "resistance",
+    "current-gain": "capacity and resistance",
+}
 _FINEST = 0.25  # times what is declared: how alike flights may be expected to be in what differs between them
 _SCALE_NATS = 1.0  # that a scale costs which the flights themselves gave
 
@@ -131,10 +139,12 @@ def candidates(
     identified: bool = True,
     joined: Collection[str] = (),
     capacity_c: float = 0.0,
+    series: int | None = None,
 ) -> tuple[list[Candidate], list[NotExcited]]:
     """What of the catalogue can be tried on these flights, and what cannot; ``joined`` is in the battery already.
 
-    Without ``capacity_c`` [C] flights are taken to be as deep as any effect needs.
+    Without ``capacity_c`` [C] flights are taken to be as deep as any effect needs, without ``series`` the pack to have
+    several cells.
     """
     known = known_drivers(flights)
     deepest = min(1.0 - float(f.charge_c[-1]) / capacity_c for f in flights) if capacity_c else 0.0
@@ -148,6 +158,13 @@ def candidates(
             continue
         if kind.id in _STARTS and not identified:
             missing.append(NotExcited(kind.id, "the battery file is not of this pack, so its start is open anyway"))
+            continue
+        if kind.id in _SCALES and not identified and not _differs(kind, flights, known):
+            open_ = _SCALES[kind.id]
+            missing.append(NotExcited(kind.id, f"the battery file is not of this pack, so its {open_} is open anyway"))
+            continue
+        if kind.id == _ONE_OF_MANY and series == 1:
+            missing.append(NotExcited(kind.id, "a single cell has no weaker one beside it"))
             continue
         if deepest > kind.shown_below:
             missing.append(NotExcited(kind.id, f"no flight goes below {kind.shown_below:.0%} of charge"))
@@ -176,6 +193,12 @@ def known_drivers(flights: Sequence[FlightData]) -> set[str]:
     if all(f.notes.cycles is not None for f in flights):
         known.add("age")
     return known
+
+
+def _differs(kind: type[Effect], flights: Sequence[FlightData], known: set[str]) -> bool:
+    """Whether what drives an effect is recorded and is not the same on all flights."""
+    told = [driven(flights, p.driver) for p in kind.parameters() if p.driver in known and p.driver is not None]
+    return any(len(set(values)) > 1 for values in told)
 
 
 def _candidate(

@@ -126,7 +126,7 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
 def _tried(lab: Lab, flights: Sequence[FlightData]) -> tuple[list[Candidate], list[NotExcited]]:
     energy_wh = _CELL_V * lab.series * lab.capacity_c / SECONDS_PER_HOUR
     joined = [e.id for e in lab.effects]
-    return candidates(flights, lab.model, energy_wh, lab.identified, joined, lab.capacity_c)
+    return candidates(flights, lab.model, energy_wh, lab.identified, joined, lab.capacity_c, lab.series)
 
 
 def _witness(request: Request, found: Search, flights: tuple[FlightData, ...]) -> Witness | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from discrepancy.flown import four
 
 from bhm_service.discrepancy.candidate import candidates
@@ -70,3 +71,34 @@ def test_a_weak_cell_is_looked_for_only_where_a_flight_goes_deep():
         tried, missing = candidates(flights, "circ", WH, capacity_c=capacity)
         assert ("weak-cell" in {c.id for c in tried}) is known
         assert ("no flight goes below 40% of charge" in {m.because for m in missing}) is not known
+
+
+@pytest.mark.parametrize(
+    ("name", "what"),
+    [
+        ("capacity-fade", "capacity"), ("resistance-growth", "resistance"), ("contact-resistance", "resistance"),
+        ("current-gain", "capacity and resistance"), ("partial-charge", "start"),
+    ],
+)  # fmt: skip
+def test_what_a_battery_file_of_another_pack_leaves_open_is_no_missing_physics(name, what):
+    flights = four("capacity-fade")
+    assert name in {c.id for c in candidates(flights, "circ", WH)[0]}
+    tried, missing = candidates(flights, "circ", WH, identified=False)
+    assert name not in {c.id for c in tried}
+    assert f"its {what} is open anyway" in next(m.because for m in missing if m.id == name)
+
+
+def test_ageing_shows_on_any_pack_where_the_flights_are_of_different_age():
+    tried, _ = candidates(aged(40.0, 200.0, 400.0), "circ", WH, identified=False)
+    assert {"capacity-fade", "resistance-growth"} <= {c.id for c in tried}
+    assert "current-gain" not in {c.id for c in tried}
+    alike, _ = candidates(aged(200.0, 200.0, 200.0), "circ", WH, identified=False)
+    assert not {"capacity-fade", "resistance-growth"} & {c.id for c in alike}
+
+
+def test_a_single_cell_has_no_weaker_one_beside_it():
+    flights = four("capacity-fade")
+    assert "weak-cell" in {c.id for c in candidates(flights, "circ", WH, series=2)[0]}
+    tried, missing = candidates(flights, "circ", WH, series=1)
+    assert "weak-cell" not in {c.id for c in tried}
+    assert "a single cell" in next(m.because for m in missing if m.id == "weak-cell")
