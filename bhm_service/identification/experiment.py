@@ -87,6 +87,18 @@ class Experiment:
             temperature_k=kelvin,
         )
 
+    def without_onset(self) -> Experiment:
+        """The same, its first voltage unknown where it begins under load.
+
+        For how long that load had lasted by then is not recorded: a step that shows within milliseconds, and all that a
+        model lets follow later, would be told by a rest that nobody saw end.
+        """
+        if self.time_s.size < 2 or not self.loaded[0]:
+            return self
+        volts = self.voltage_v.copy()
+        volts[0] = np.nan
+        return replace(self, voltage_v=volts)
+
     def thinned(self, most: int = 1500) -> Experiment:
         """The same with runs of steady current drawn together, of up to a ``most``-th of its span each.
 

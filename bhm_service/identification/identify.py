@@ -18,6 +18,7 @@ from bhm_service.battery.circ import Circ
 from bhm_service.battery.uncertainty import Uncertainty
 from bhm_service.identification.assess import Assessment, assess, step_resistance
 from bhm_service.identification.choice import Progress, choose
+from bhm_service.identification.closeness import closeness
 from bhm_service.identification.experiment import Experiment, Kind
 from bhm_service.identification.families import ChemFamily, CircFamily, Family
 from bhm_service.identification.one_pack import contradiction, foreign
@@ -79,7 +80,7 @@ class Identified:
 
 def identify(request: Request, progress: Progress = lambda _: None) -> Identified:
     """Identify every model asked for. Raises BadInputError when the recordings cannot be of one pack."""
-    thin = tuple(e.thinned() for e in request.experiments)
+    thin = tuple(e.without_onset().thinned() for e in request.experiments)
     progress("capacity and open-circuit curve")
     premises = premises_of(thin, request.capacity_ah)
     stranger = contradiction(thin, premises)
@@ -122,8 +123,9 @@ def _one(
         rivals = [family.labelled(problem.unknowns, solve(first.problem, starts=[x]).x) for x in starts]
         progress(f"{model}: all together")
         solution = solve(problem, starts=[likeliest(first.problem, rivals)])
+        shares = closeness(problem.fitting(solution.x))
         for _ in range(_DOUBTS):
-            solution = solve(problem.doubting(solution.x).as_followed(solution.x), starts=[solution.x])
+            solution = solve(problem.doubting(solution.x, shares).as_followed(solution.x), starts=[solution.x])
         # Whose time constant is whose is told by little: by all samples, counted as closely as they are followed.
         rivals = [solution.x, *family.exchanged(problem.unknowns, solution.x)]
         solution = min((_named(solution.problem, x) for x in rivals), key=lambda s: s.cost)
@@ -138,7 +140,9 @@ def _one(
         raise stranger
     if request.held_out:
         progress(f"{model}: held-out recordings")
-        assessments += [_held_out(solution, e.thinned(6000), premises, request) for e in request.held_out]
+        assessments += [
+            _held_out(solution, e.without_onset().thinned(6000), premises, request) for e in request.held_out
+        ]
     cell = family.finished(solution.values)
     assert isinstance(cell, Circ | Chem)
     remarks += _strained(solution, premises)

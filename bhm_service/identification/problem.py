@@ -10,6 +10,7 @@ import numpy as np
 from bhm_service.battery.cell import Modifiers
 from bhm_service.battery.effects.base import Conditions, Effect
 from bhm_service.battery.pack import PackModel, Simulation
+from bhm_service.identification.closeness import Fitting
 from bhm_service.identification.experiment import Experiment, Kind
 from bhm_service.identification.families import Family
 from bhm_service.identification.unknowns import Unknowns, joined, numbers
@@ -21,6 +22,7 @@ _FEWEST, _MOST = 60.0, 400.0
 _LOW_SOC, _LOW_WEIGHT = 0.10, 0.2  # near empty cells differ by more than a model can follow
 _SLOPE_SPAN = np.linspace(0.0, 1.0, 101)
 _LEAST_SLOPE_V, _SLOPE_SD_V = 0.02, 0.01  # [V per unit of charge] a curve falls by at least this
+_SLOPE_REACH = 0.005  # of charge, to either side, over which a curve's slope is taken
 _FAR = 2.0  # times the usual misfit: from here on a sample is doubted
 _SHARED = -1  # a number that every recording depends on
 STEP = 1e-5  # of finite differences, in the fit's own numbers
@@ -134,15 +136,36 @@ class Problem:
             found.append(np.asarray(each * trusted))
         return found
 
-    def doubting(self, x: Array) -> Problem:
+    def fitting(self, x: Array) -> list[Fitting]:
+        """How the candidate ``x`` (n,) fits the samples that the fit looks at, recording by recording."""
+        values = self.unknowns.values(x)
+        found = []
+        for k, (experiment, used) in enumerate(zip(self.experiments, self.used, strict=True)):
+            run = self._run(k, values)
+            around = run.soc + np.array([[-_SLOPE_REACH], [0.0], [_SLOPE_REACH]])
+            below, here, above = (self._open_circuit(values, soc[None, :])[0] for soc in around)
+            found.append(
+                Fitting(
+                    misfit_v=run.voltage[0] - experiment.voltage_v,
+                    drop_v=here - run.voltage[0],
+                    slope_v=(above - below) / (2.0 * _SLOPE_REACH),
+                    weight=experiment.weights() * used,
+                )
+            )
+        return found
+
+    def doubting(self, x: Array, shares: Sequence[Array] = ()) -> Problem:
         """The same with less trust in samples that the candidate ``x`` is far from, by the spread of the others.
 
-        Spikes, and pulses beyond what the model's structure can follow, would otherwise bend all numbers.
+        Spikes, and pulses beyond what the model's structure can follow, would otherwise bend all numbers. ``shares``:
+        how closely each sample can be followed, relative to the closest.
         """
         trust = []
-        for misfit, _ in self.misfits(x):
-            usual = max(1.48 * float(np.nanmedian(np.abs(misfit))), SIGMA_V)
-            trust.append(1.0 / np.sqrt(1.0 + (np.nan_to_num(misfit) / (_FAR * usual)) ** 2))
+        close = shares or tuple(np.ones(e.time_s.size) for e in self.experiments)
+        for (misfit, _), share in zip(self.misfits(x), close, strict=True):
+            off = np.abs(misfit * share)
+            usual = max(1.48 * float(np.nanmedian(off)), SIGMA_V)
+            trust.append(np.asarray(share / np.sqrt(1.0 + (np.nan_to_num(off) / (_FAR * usual)) ** 2)))
         return replace(self, trust=tuple(trust))
 
     def as_followed(self, x: Array) -> Problem:

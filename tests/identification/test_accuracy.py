@@ -116,7 +116,7 @@ def test_two_rates_of_a_drone_pouch_foretell_two_others(lab: Path) -> None:
 
 
 def test_slow_one_c_and_pulses_of_a_real_cell_foretell_drive_cycles(lab: Path) -> None:
-    """The goal is 15 mV, which Circ misses on US06 by a little; a crude one-RC model has 25 mV."""
+    """The goal is 15 mV, missed on US06: by Circ by a little, by Chem's structure too; a crude one-RC model has 25."""
     folder = lab / "panasonic_18650pf"
     fitted = {"c20_ocv": Kind.SLOW, "dis1C_start_1": Kind.ONE_C, "hppc_lite": Kind.PULSES}
     found = identify(
@@ -126,12 +126,13 @@ def test_slow_one_c_and_pulses_of_a_real_cell_foretell_drive_cycles(lab: Path) -
             ),
             held_out=tuple(e for name in ("Cycle_1", "US06") for e in held_out(folder / f"drive_{name}_25C.csv.gz")),
             series=1,
-            models=("circ",),
         )
     )
-    cycle, us06 = errors(found, "circ", unseen=True).values()
-    assert cycle < 0.015
-    assert us06 < 0.017
+    for model, most in {"circ": 0.017, "chem": 0.025}.items():
+        cycle, us06 = errors(found, model, unseen=True).values()
+        assert cycle < 0.015
+        assert us06 < most
+    assert not any("fits only as if" in remark for result in found.results for remark in result.remarks)
 
 
 def test_capacity_of_every_discharge_of_an_ageing_cell_is_the_data_sets_own(lab: Path) -> None:

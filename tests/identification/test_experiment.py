@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from battery.cells import circ
+from identification.known import one_c, slow, variable
 
+from bhm_service.battery.pack import PackModel
 from bhm_service.identification.experiment import Experiment, Kind
+from bhm_service.identification.identify import Request, identify
 
 
 def recording(seconds=20_000, seed=1, noise_v=0.001):
@@ -79,3 +83,27 @@ def test_voltages_that_are_missing_stay_missing():
     assert not np.isfinite(thin.voltage_v[inside]).any()
     assert np.isfinite(thin.voltage_v[~inside]).all()
     assert carried(thin) == pytest.approx(carried(whole), rel=1e-4)
+
+
+def test_the_first_voltage_of_a_load_that_nobody_saw_begin_is_unknown():
+    begun = recording(seconds=1000)
+    hidden = begun.without_onset()
+    assert not hidden.measured[0]
+    assert hidden.measured[1:].all()
+    assert np.isfinite(begun.voltage_v).all()
+    assert carried(hidden) == carried(begun)
+    begun.current_a[:10] = 0.0
+    assert begun.without_onset() is begun
+
+
+def test_identification_looks_away_from_a_load_that_nobody_saw_begin():
+    rng = np.random.default_rng(2)
+    pack = PackModel(circ(), 1)
+    late, held_out = one_c(pack, rng).part(slice(13, None)), variable(pack, rng).part(slice(40, None))
+    request = Request(
+        experiments=(slow(pack, rng), late), held_out=(held_out,), series=1, models=("circ",), ocv="spline"
+    )
+    (result,) = identify(request).results
+    for assessment in result.assessments:
+        assert not assessment.experiment.measured[0]
+        assert assessment.experiment.measured[1:].all()
