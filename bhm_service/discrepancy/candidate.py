@@ -24,6 +24,9 @@ _SCALES = {
     "contact-resistance": "resistance",
     "current-gain": "capacity and resistance",
 }
+# A pack that is cold has more resistance before anything else: what else a temperature that nobody recorded would do is
+# not told from a temperature that is made to fit.
+_SHOWS = {"temperature": "resistance-temperature"}
 _FINEST = 0.25  # times what is declared: how alike flights may be expected to be in what differs between them
 _SCALE_NATS = 1.0  # that a scale costs which the flights themselves gave
 
@@ -173,6 +176,13 @@ def candidates(
         carriers = [e for e in EFFECTS.values() if set(needed) & set(e.supplies)]
         if needed and not carriers:
             missing.append(NotExcited(kind.id, f"needs {' and '.join(needed)}, which is not recorded"))
+            continue
+        first = {_SHOWS.get(d, kind.id) for d in needed}
+        if first and kind.id not in first:
+            told = (
+                f"needs a recorded {' and '.join(needed)}: one that is not shows by {' and '.join(sorted(first))} first"
+            )
+            missing.append(NotExcited(kind.id, told))
             continue
         if kind.supplies and set(kind.supplies) <= known:
             missing.append(NotExcited(kind.id, f"{' and '.join(kind.supplies)} is recorded"))

@@ -102,3 +102,13 @@ def test_a_single_cell_has_no_weaker_one_beside_it():
     tried, missing = candidates(flights, "circ", WH, series=1)
     assert "weak-cell" not in {c.id for c in tried}
     assert "a single cell" in next(m.because for m in missing if m.id == "weak-cell")
+
+
+def test_a_temperature_that_nobody_recorded_is_looked_for_where_it_shows_first():
+    felt = {"resistance-temperature", "cold-capacity", "entropic-voltage"}
+    blind = four("capacity-fade")
+    warm = [replace(f, temperature_k=np.full(f.time_s.size, 290.0)) for f in blind]
+    assert felt <= {c.id for c in candidates(warm, "circ", WH)[0]}
+    tried, missing = candidates(blind, "circ", WH)
+    assert felt & {c.id for c in tried} == {"resistance-temperature"}
+    assert "needs a recorded temperature" in next(m.because for m in missing if m.id == "cold-capacity")
