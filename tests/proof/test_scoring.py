@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -158,6 +159,17 @@ def test_what_cannot_be_computed_is_said_and_meets_nothing():
 def test_the_share_of_what_an_oracle_gains_is_of_its_improvement():
     judged = judge(answer("capacity-fade"), said("named", "capacity-fade", oracle=0.08))
     assert judged.measures["share_of_oracle"] == pytest.approx((0.2 - 0.1) / (0.2 - 0.08))
+
+
+def test_flying_time_is_told_as_a_ratio_of_each_case_and_as_the_errors_themselves():
+    """Where an effect hardly changes the flying time the ratio is of two noises: the seconds say what it is worth."""
+    times = {"a": (100.0, 10.0), "b": (12.0, 15.0), "c": (200.0, 20.0)}
+    answers = [answer("capacity-fade", case=case) for case in times]
+    outcomes = [replace(said("named", "capacity-fade", case=case), rft_error_s=t) for case, t in times.items()]
+    found = score("concealed", answers, outcomes)
+    assert row(found, "RFT error after over before, median").value == pytest.approx(0.1)
+    assert row(found, "RFT error before, median [s]").value == pytest.approx(100.0)
+    assert row(found, "RFT error after, median [s]").value == pytest.approx(15.0)
 
 
 def test_change_points_are_found_within_ten_seconds_in_either_clock():

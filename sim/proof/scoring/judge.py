@@ -42,9 +42,9 @@ class ParameterScore:
 class Judgement:
     """How one case was answered. None: does not apply, or could not be computed (then ``missing`` says why).
 
-    measures : single numbers by name: ``heldout_ratio``, ``share_of_oracle``, ``rft_ratio``, ``iou``,
-        ``parameter_error`` (median), ``accepted`` (1 or 0), ``change_points_found`` (share), ``hidden.*``;
-        ``named.EFFECT`` and ``listed.EFFECT`` (1 if in the chosen set, or in any set), ``parameter.EFFECT.NAME``.
+    measures : single numbers by name: ``heldout_ratio``, ``share_of_oracle``, ``rft_ratio``, ``rft_before_s``,
+        ``rft_after_s``, ``iou``, ``parameter_error`` (median), ``accepted`` (1 or 0), ``change_points_found`` (share),
+        ``hidden.*``; ``named.EFFECT`` and ``listed.EFFECT`` (1 if in the chosen set, or in any set), ``parameter.EFFECT.NAME``.
     """
 
     case: str
@@ -231,6 +231,7 @@ def _fit(
             else:
                 missing.append("share_of_oracle: no oracle fit")
     if outcome.rft_error_s is not None and outcome.rft_error_s[0] > 0.0:
+        measures["rft_before_s"], measures["rft_after_s"] = outcome.rft_error_s
         measures["rft_ratio"] = outcome.rft_error_s[1] / outcome.rft_error_s[0]
     return heldout
 

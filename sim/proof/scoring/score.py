@@ -166,6 +166,8 @@ def _rows(judged: Sequence[Judgement]) -> list[Row]:
         _measured("held-out RMSE after over before, median", found, "heldout_ratio"),
         _measured("share of what an oracle gains, median", found, "share_of_oracle"),
         _measured("RFT error after over before, median", found, "rft_ratio"),
+        _measured("RFT error before, median [s]", found, "rft_before_s"),
+        _measured("RFT error after, median [s]", found, "rft_after_s"),
         _measured("localisation overlap (IoU), median", judged, "iou"),
         _measured("change points found within 10 s", judged, "change_points_found", _mean),
         _number("time a case, median [s]", [j.seconds for j in judged if j.seconds is not None]),
