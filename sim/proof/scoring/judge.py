@@ -44,7 +44,8 @@ class Judgement:
 
     measures : single numbers by name: ``heldout_ratio``, ``share_of_oracle``, ``rft_ratio``, ``rft_before_s``,
         ``rft_after_s``, ``iou``, ``parameter_error`` (median), ``accepted`` (1 or 0), ``change_points_found`` (share),
-        ``hidden.*``; ``named.EFFECT`` and ``listed.EFFECT`` (1 if in the chosen set, or in any set), ``parameter.EFFECT.NAME``.
+        ``hidden.*``; ``named.EFFECT`` and ``listed.EFFECT`` (1 if in the chosen set, or in any set);
+        ``parameter.EFFECT.NAME``.
     """
 
     case: str
