@@ -1,8 +1,8 @@
 """A case as a tool sees it: a folder with `lab/`, `flights/` and what a user would know of the pack.
 
-`lab/` holds `slow`, `one_c` and `variable` as far as they were recorded. `flights/` holds logs, and `flights.csv` where
-there is a sidecar. `pack.json` says how many cells are in series. A pack without lab recordings comes with a battery
-file and a vehicle file instead.
+`lab/` holds `slow`, `one_c`, `variable` and `pulses` as far as they were recorded. `flights/` holds logs, and
+`flights.csv` where there is a sidecar. `pack.json` says how many cells are in series. A pack without lab recordings
+comes with a battery file and a vehicle file instead.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import TypeAlias
 
 from sim.proof.scoring.answers import Answer
 
-LAB_OPTIONS = {"slow": "--slow", "one_c": "--one-c", "variable": "--variable"}
+LAB_OPTIONS = {"slow": "--slow", "one_c": "--one-c", "variable": "--variable", "pulses": "--pulses"}
 Batch: TypeAlias = Callable[[Path, Path], list[Answer]]
 """Writes one case or more: what a tool may see into the first folder, flights kept back into the second."""
 
