@@ -216,12 +216,15 @@ _STEP_V = 0.04  # [V] a cell: more than this across an interruption is another c
 _JUMP_V = 0.10  # [V] a cell: more than this from one resting sample to the next, without one
 _SETTLED_S = 60.0  # after a load the voltage still rises by itself
 _SILENCE_S = 5.0
-_STAYS = 0.5  # of a step of the voltage has to be there in the next sample: single readings jump
+_STAYS = 0.5  # of a jump has to be there in the next sample
 
 
 @dataclass(slots=True)
 class PackWatch:
-    """Notices on the ground that the pack is another one, or was charged: one sample after the first that shows it."""
+    """Notices on the ground that the pack is another one, or was charged.
+
+    A step of the voltage that nothing announced has to be there in the next sample: single readings jump.
+    """
 
     series: int
     rest_a: float  # [A] below this the pack rests
@@ -271,13 +274,10 @@ class PackWatch:
         step = (now.voltage_v - last.voltage_v) / self.series
         interrupted, self._interrupted = self._interrupted, ""
         recovering = max(0.0, 0.15 - 0.15 * (last.time_s - self._loaded_s) / _SETTLED_S)
-        because = ""
         if interrupted and (step > _STEP_V + recovering or step < -_STEP_V):
-            because = f"{interrupted} and the voltage went {_by(step)}"
-        elif step > _JUMP_V + recovering:
-            because = f"the resting voltage jumped {_by(step)}"
-        if because:
-            self._suspected = (last.voltage_v, now.voltage_v, because)
+            return PackChange(time_s=now.time_s, because=f"{interrupted} and the voltage went {_by(step)}")
+        if step > _JUMP_V + recovering:
+            self._suspected = (last.voltage_v, now.voltage_v, f"the resting voltage jumped {_by(step)}")
         return None
 
 

@@ -137,7 +137,16 @@ def test_flights_side_by_side_are_as_each_alone(names):
 def test_a_companion_that_two_members_have_is_one():
     """Both carry the pack's own heat, because no flight has a temperature: the first copy is the one that counts."""
     flights = [flown(number=k, samples=150) for k in range(2)]
-    joint = with_members(flights, {"resistance-temperature", "cold-capacity"})
+    one = with_members(flights, {"resistance-temperature"})
+    (member,) = one.members
+    companion = next(part for part in member.parts if part[0] == "self-heating")
+    other = replace(
+        member,
+        id="cold-capacity",
+        parts=(("cold-capacity", EFFECTS["cold-capacity"]), companion),
+        unknowns=tuple(u for u in member.unknowns if u.effect == "self-heating"),
+    )
+    joint = replace(one, members=(member, other))
     names = [b.name for b in joint.unknowns.blocks]
     assert names.count("self-heating.ambient") == 2
     assert all(joint.places[name] == joint.unknowns.slice_of(name) for name in names)
