@@ -43,6 +43,18 @@ def faded(tmp_path_factory):
     return folder, generate(FADE, folder)
 
 
+def test_a_flight_through_its_reserve_has_left_it_when_it_does_and_not_when_it_turns_to_land(tmp_path):
+    """A worn pack and a load past the sensor: less charge than the pilot's plan counts on."""
+    effects = (EffectSheet("unseen-load", "large"), EffectSheet("capacity-fade", "large"))
+    thirsty = replace(NULL, kind="pair", rich=True, effects=effects)
+    deepest = min(generate(thirsty, tmp_path).flights, key=lambda f: f.soc[-1])
+    soc = np.array(deepest.soc)
+    at = deepest.every_s * np.interp(-0.20, -soc, np.arange(soc.size))
+    assert at < deepest.landing_s - 60.0
+    # The lab calls the pack empty a little above no charge at all, so its reserve is left a little earlier.
+    assert at - 90.0 < deepest.empty_soc_s <= at + 5.0
+
+
 def test_a_case_is_laid_out_as_a_user_has_it(null):
     folder, _ = null
     assert set(digest(folder)) == {
