@@ -90,16 +90,16 @@ class Candidate:
         Never farther than declared. With the widest of priors for each of many flights, small sizes could be seen in
         every flight and still not pay for it.
         """
-        scaled = []
-        for u in self.unknowns:
-            if u.per_flight and u.declared.absent is not None:
-                mean, sd = u.prior
-                apart = float(np.sqrt(np.mean((found[u.name] - u.declared.absent) ** 2)))
-                scaled.append(replace(u, prior=(mean, float(np.clip(apart, _FINEST * sd, sd)))))
-            else:
-                scaled.append(u)
-        finer = any(own.prior[1] < u.prior[1] for own, u in zip(scaled, self.unknowns, strict=True))
-        return replace(self, unknowns=tuple(scaled), price=self.price + _SCALE_NATS) if finer else self
+
+        def scaled(u: Unknown) -> Unknown:
+            if not u.per_flight or u.declared.absent is None:
+                return u
+            mean, sd = u.prior
+            apart = float(np.sqrt(np.mean((found[u.name] - u.declared.absent) ** 2)))
+            return replace(u, prior=(mean, float(np.clip(apart, _FINEST * sd, sd))))
+
+        unknowns = tuple(scaled(u) for u in self.unknowns)
+        return self if unknowns == self.unknowns else replace(self, unknowns=unknowns, price=self.price + _SCALE_NATS)
 
     def on(self, flights: Sequence[int]) -> Candidate:
         """The same for some of the flights."""

@@ -218,24 +218,26 @@ def saturated_noise(at: Fitted, candidates: Sequence[Candidate]) -> Noise:
     for candidate in (c for c in candidates if c not in joint.members):
         wider = Joint(joint.lab, joint.flights, (*joint.members, candidate))
         numbers += wider.unknowns.start.size - at.x.size
-        own = wider.slopes_of(candidate, _absent(wider, at, candidate), plain)
-        for k, slope in enumerate(own):
+        added = wider.slopes_of(candidate, _absent(wider, at, candidate), plain)
+        for k, slope in enumerate(added):
             felt = np.flatnonzero(slope.any(axis=0))
             parts[k].append(slope[:, felt])
             places[k].append(held + felt)
-        held += own[0].shape[1]
+        held += added[0].shape[1]
     design = [Slopes(np.hstack(by), np.concatenate(where), held) for by, where in zip(parts, places, strict=True)]
-    lengths = [f.time_s.size for f in joint.flights]
     # The mean over all numbers: those by which a candidate's form may be off do nothing at no effect.
     ridge = 1e-6 * sum(float(np.sum(d.by**2)) for d in design) / numbers
     square, score = ridge * np.eye(held), np.zeros(held)
-    for flown, row, count in zip(design, rows, lengths, strict=True):
-        flown.until(count).add_square(square)
-        score += flown.until(count).back(row[:count])
-    sizes = np.asarray(np.linalg.solve(square, score), dtype=float)
-    left = [
-        row[:count] - flown.until(count).along(sizes) for flown, row, count in zip(design, rows, lengths, strict=True)
+    # The rested voltage, where there is one, comes after a flight's samples and is no noise of them.
+    flown = [
+        (own.until(f.time_s.size), row[: f.time_s.size])
+        for own, row, f in zip(design, rows, joint.flights, strict=True)
     ]
+    for own, row in flown:
+        own.add_square(square)
+        score += own.back(row)
+    sizes = np.asarray(np.linalg.solve(square, score), dtype=float)
+    left = [row - own.along(sizes) for own, row in flown]
     noise = estimated(left, joint.lab.series * _FLOOR_V)
     alike = float(np.clip(_WITNESSES * len(left), 1.0, _MOST_DOUBT))
     poor = float(np.clip(joint.lab.voltage_error_v / _USUAL_V, 1.0, _MOST_DOUBT)) if joint.lab.identified else 1.0

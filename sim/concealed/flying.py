@@ -144,8 +144,7 @@ def fly(pack: Pack, knobs: Knobs, twins: tuple[Knobs, ...], load: Load, empty_so
     reserve_soc = empty_soc + RESERVE * (1.0 - empty_soc)
     soc_s, voltage_s = _flown_on(knobs, turning, seen[2], takeoff, reserve_soc)
     # What flies on through its reserve has left it before it turns to land.
-    with np.errstate(invalid="ignore"):
-        below = soc <= reserve_soc
+    below = soc <= reserve_soc
     soc_s = np.where(below.any(axis=1), np.fmin(soc_s, below.argmax(axis=1)), soc_s)
     nodes = (heat.core_j_per_k, heat.surface_j_per_k)
     warm = nodes[0] * (heat.core_c[:flights] - knobs.heat.start_c[:, None])
