@@ -215,7 +215,8 @@ def saturated_noise(at: Fitted, candidates: Sequence[Candidate]) -> Noise:
     parts = [[s.by] for s in slopes]
     places = [[s.at] for s in slopes]
     held, numbers = at.x.size, at.x.size
-    for candidate in (c for c in candidates if c not in joint.members):
+    there = {member.id for member in joint.members}
+    for candidate in (c for c in candidates if c.id not in there):
         wider = Joint(joint.lab, joint.flights, (*joint.members, candidate))
         numbers += wider.unknowns.start.size - at.x.size
         added = wider.slopes_of(candidate, _absent(wider, at, candidate), plain)

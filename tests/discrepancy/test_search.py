@@ -8,7 +8,7 @@ from discrepancy.flown import BATTERY, SIZES, base, catalogue, flown, four, nois
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.explain import Request, explain
-from bhm_service.discrepancy.search import Search, search
+from bhm_service.discrepancy.search import Search, saturated_noise, search
 from bhm_service.discrepancy.selection import select
 
 FLOWN = [*((name, "circ") for name in SIZES), ("resistance-growth", "chem")]
@@ -63,6 +63,17 @@ def test_small_sizes_that_flights_have_each_of_their_own_pay_for_no_wider_prior_
     as_declared = Search(found.base, tuple(tried), found.noise)
     as_declared.fitted(frozenset())
     assert found.evidence(names) > as_declared.evidence(names) + 1.0
+
+
+def test_noise_is_what_no_candidate_explains_whatever_spread_the_candidates_are_expected_to_have():
+    """A candidate that is in the fit already is not added to it once more."""
+    kind = EFFECTS["partial-charge"]
+    flights = tuple(flown([kind(deficit=d)], seed=3, number=k) for k, d in enumerate((0.045, 0.0, 0.03, 0.015)))
+    (tried,) = catalogue(flights, only={"partial-charge"})
+    at = Search(base(flights), (tried,), noise_model()).fitted(frozenset({"partial-charge"}))
+    finer = tried.as_spread({name: rows[0] for name, rows in at.joint.values(at.x[None, :]).items()})
+    assert finer != tried
+    assert saturated_noise(at, [finer]) == saturated_noise(at, [tried])
 
 
 @pytest.fixture(scope="module")
