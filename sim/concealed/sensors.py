@@ -163,7 +163,9 @@ def record(
     height = np.maximum(np.cumsum(flown.load.climb_mps[f, flown.position[f, begin:end]])[local] * DT, 0.0)
     airborne = plan.airborne[f, where]
     surface = flown.surface_c[f, seconds] + rng.normal(0.0, 0.2, samples)
-    of_cells = np.round(flown.cells_v[f, seconds] + rng.normal(0.0, 0.002, (samples, 6)), 3)
+    # One monitor reads pack and cells: at the same instant, through the same filter, and its errors are in both.
+    shares = flown.cells_v[f, seconds] / flown.cells_v[f, seconds].sum(axis=1, keepdims=True)
+    of_cells = np.round(volts[:, None] * shares + rng.normal(0.0, 0.002, (samples, 6)), 3)
     return Recording(
         time_s=np.maximum.accumulate(boot + np.abs(rng.normal(0.0, quality.jitter_s, samples))),
         boot_s=boot,

@@ -14,7 +14,7 @@ import pytest
 from pymavlink import mavutil
 
 from bhm_service.mavlink.log import read_log
-from bhm_service.messages import BatteryStatus, Heartbeat, LandedState
+from bhm_service.messages import BatteryStatus, Heartbeat, LandedState, SystemStatus
 from sim.concealed.answer import Answer
 from sim.concealed.generate import CATALOGUE, OUTSIDE, generate
 from sim.concealed.packs import draw_pack
@@ -132,6 +132,16 @@ def test_mavproxys_reader_and_ours_read_the_same_flight(null):
     assert armed[0] < flight.takeoff_s < armed[-1]
     assert flying[0] == pytest.approx(flight.takeoff_s, abs=2.0)
     assert flying[-1] == pytest.approx(flight.landing_s, abs=3.0)
+
+
+def test_cells_are_read_when_their_pack_is_and_through_the_same_sensor(tmp_path):
+    effects = (EffectSheet("time-skew", "large"), EffectSheet("voltage-offset", "large"))
+    generate(replace(NULL, kind="pair", effects=effects, cells_recorded=True), tmp_path)
+    log = read_log(tmp_path / "flights" / "00.tlog")
+    pack = np.array([m.voltage_v for _, m in log.messages if isinstance(m, SystemStatus)])
+    cells = np.array([m.cells_v for _, m in log.messages if isinstance(m, BatteryStatus)]).sum(axis=1)
+    assert np.ptp(pack) > 1.0
+    assert np.abs(cells - pack).max() < 5.0 * 0.002 * 6**0.5
 
 
 def test_an_answer_survives_its_file(faded):
