@@ -20,6 +20,10 @@ _LONGEST_GAP_S = 30.0  # over which a current is carried on
 _UNUSABLE_SHARE = 0.2  # of samples without current
 _GAUGE_LOW, _GAUGE_HIGH = 0.05, 0.97  # a gauge that says more than this at the start says "full"
 _TEMPERATURE_S = 60.0  # a pack's temperature does not move faster; one degree of rounding does
+_SPIKE_SHARE = 0.08  # of the voltage: no load makes a pack jump so far and back within a sample
+# Times what is usual, and of the voltage: a reading that stands so far alone, while the current does not, tells nothing
+# of the pack, and squared in a mean it would be all that is seen of its flight.
+_LONE, _LONE_SHARE = 25.0, 0.01
 _CELL_V = (2.3, 4.45)
 _CHARGED_V = 3.3  # of a cell that anybody takes off with
 
@@ -182,7 +186,7 @@ def _flight(
             label=label,
             time_s=time_s - time_s[0],
             current_a=np.interp(time_s, time_s[known], current[known]),
-            voltage_v=_without_spikes(recording.voltage_v[part]),
+            voltage_v=_without_spikes(recording.voltage_v[part], current),
             temperature_k=_smooth(time_s, recording.temperature_k[part]),
             airborne=airborne[part],
             altitude_m=recording.relative_altitude_m[part],
@@ -228,15 +232,29 @@ def _smooth(time_s: Array, kelvin: Array) -> Array | None:
     return smooth
 
 
-def _without_spikes(voltage: Array) -> Array:
-    """Single readings that jump away and back by more than any load does are no measurements."""
+def _without_spikes(voltage: Array, current: Array) -> Array:
+    """Single readings that jump away and back are no measurements: further than any load does, or than the sensor's
+    noise and with no load that does.
+    """
     clean = voltage.copy()
     if clean.size < 3:
         return clean
-    middle = 0.5 * (clean[:-2] + clean[2:])
-    far = np.abs(clean[1:-1] - middle) > 0.08 * np.nanmedian(clean) + np.abs(clean[2:] - clean[:-2])
-    clean[1:-1][far] = np.nan
+    away, moved = _away(clean), _away(current)
+    usual = np.nanmedian(clean)
+    alone = (away > max(_LONE * _scatter(away), _LONE_SHARE * usual)) & (moved <= _LONE * _scatter(moved))
+    clean[1:-1][(away > _SPIKE_SHARE * usual) | alone] = np.nan
     return clean
+
+
+def _away(series: Array) -> Array:
+    """How far each sample inside a series is from both its neighbours, beyond what they are from each other."""
+    middle = 0.5 * (series[:-2] + series[2:])
+    return np.asarray(np.abs(series[1:-1] - middle) - np.abs(series[2:] - series[:-2]))
+
+
+def _scatter(away: Array) -> float:
+    """The size of what is usual."""
+    return float(np.nanmedian(np.abs(away)))
 
 
 def _consistent(data: FlightData, name: str) -> None:

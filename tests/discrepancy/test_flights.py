@@ -94,6 +94,17 @@ def test_a_reading_that_jumps_away_and_back_is_no_measurement(read):
     assert np.flatnonzero(np.isnan(flight.voltage_v)).tolist() == [120]
 
 
+def test_a_lone_reading_is_no_measurement_where_the_current_is_as_before(read):
+    """A volt of a pack of 22 V is no more than a load can do, but a load shows in the current."""
+    rows = columns()
+    noise = np.random.default_rng(3).normal(0.0, 0.01, rows["V"].size)
+    rows["V"], rows["I"] = rows["V"] + noise, rows["I"].copy()
+    rows["V"][[80, 120]] -= 1.0
+    rows["I"][120] += 25.0
+    (flight,), _ = read(rows)
+    assert np.flatnonzero(np.isnan(flight.voltage_v)).tolist() == [80]
+
+
 def test_temperature_in_whole_degrees_is_smoothed_without_delay(read):
     t = columns(900.0)["t_s"]
     true = 15.0 + 15.0 * (1.0 - np.exp(-t / 400.0))
