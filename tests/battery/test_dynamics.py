@@ -16,7 +16,7 @@ def test_recurrence_is_the_loop_it_stands_for(tau):
     for k in range(gain.shape[1]):
         x = np.exp(-ratio[k]) * x + gain[:, k]
         loop[:, k] = x
-    solved = recurrence(ratio, gain, np.array([[1.0], [-2.0]]))
+    solved = recurrence(np.exp(-ratio), gain, np.array([[1.0], [-2.0]]))
     np.testing.assert_allclose(solved, loop, rtol=1e-10, atol=1e-12)
 
 
@@ -24,8 +24,8 @@ def test_recurrence_takes_a_different_decay_in_every_row():
     rng = np.random.default_rng(2)
     ratio = rng.uniform(0.0, 2.0, (3, 4000)) * np.array([[0.01], [1.0], [8.0]])
     gain = rng.standard_normal((3, 4000))
-    rows = [recurrence(ratio[k], gain[k], 0.5) for k in range(3)]
-    np.testing.assert_allclose(recurrence(ratio, gain, np.full((3, 1), 0.5)), rows, rtol=1e-9, atol=1e-12)
+    rows = [recurrence(np.exp(-ratio[k]), gain[k], 0.5) for k in range(3)]
+    np.testing.assert_allclose(recurrence(np.exp(-ratio), gain, np.full((3, 1), 0.5)), rows, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("tau", [0.5, 20.0, 1e6])
@@ -60,13 +60,13 @@ def test_course_and_steps_give_the_same_counter_and_lag():
 
 @pytest.mark.parametrize("tau", [0.02, 0.5, 2.0])
 def test_recordings_side_by_side_decay_each_at_its_own_time(tau):
-    """One has its long steps early, the other late: a block that suits the first must not overflow in the second."""
+    """One has its long steps early, the other late."""
     rng = np.random.default_rng(4)
     fast, slow = np.full(400, 3.0), np.full(400, 0.01)
     ratio = np.stack([np.concatenate([fast, slow]), np.concatenate([slow, fast])]) / tau
     gain = rng.standard_normal((2, 800))
-    rows = [recurrence(ratio[k], gain[k], 0.5) for k in range(2)]
-    np.testing.assert_allclose(recurrence(ratio, gain, np.full((2, 1), 0.5)), rows, rtol=1e-9, atol=1e-12)
+    rows = [recurrence(np.exp(-ratio[k]), gain[k], 0.5) for k in range(2)]
+    np.testing.assert_allclose(recurrence(np.exp(-ratio), gain, np.full((2, 1), 0.5)), rows, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("tau", [0.01, 1.0, 10.0, 480.0])
