@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from bhm_service.battery.cell import Modifiers
+from bhm_service.battery.cell import CellModel, Modifiers
 from bhm_service.battery.effects.base import Conditions, Effect
 from bhm_service.battery.pack import PackModel, Simulation
 from bhm_service.identification.closeness import Fitting
@@ -41,7 +42,7 @@ class _Scale(Effect):
         return self._by
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Problem:
     """Recordings and a family; ``used`` tells, for each recording, the samples that the fit may look at."""
 
@@ -52,7 +53,7 @@ class Problem:
     scale_sd: tuple[float, ...]  # how far each recording's capacity may be from the family's, as a logarithm
     trust: tuple[Array, ...] = ()  # in each sample, where a fit found that no cell model follows some of them
 
-    @property
+    @cached_property
     def unknowns(self) -> Unknowns:
         """The cell's, its effects', and the state of charge that each recording begins with."""
         starts = [
@@ -66,49 +67,62 @@ class Problem:
         """Weighted residuals and pulls (M, R) of candidates (M, n), in standard deviations."""
         unknowns = self.unknowns
         values = unknowns.values(x)
-        parts = []
-        for (voltage, soc), experiment, used, weight in zip(
-            self._runs(values), self.experiments, self.used, self.weights(), strict=True
-        ):
-            low = np.where(soc < _LOW_SOC, _LOW_WEIGHT, 1.0)
-            parts.append(((voltage - experiment.voltage_v) * low * weight)[:, used])
-        return np.concatenate([*parts, unknowns.pulls(x), self._monotone(values)], axis=1)
+        parts = [self._weighted(k, self._run(k, values)) for k in range(len(self.experiments))]
+        return np.concatenate([*parts, unknowns.pulls(x), _monotone(self.family.cell(values))], axis=1)
 
-    def jacobian(self, x: Array, columns: np.ndarray) -> Array:
-        """Derivatives (R, C) of the residuals at one candidate (n,) by the numbers ``columns`` (C,), by differences.
+    def linearised(self, x: Array, columns: np.ndarray) -> tuple[Array, Array]:
+        """Residuals (R,) of one candidate (n,) and their derivatives (R, C) by the numbers ``columns`` (C,).
 
-        Numbers that shape the curve alone are not simulated: the curve is read where the run reads it. What a
-        recording begins with moves no other recording.
+        By differences. Numbers that shape the curve alone are not simulated: the curve is read where the run reads
+        it. What a recording begins with moves no other recording.
         """
         unknowns = self.unknowns
-        owner = np.concatenate([np.full(b.size, _owner(b.name)) for b in unknowns.blocks])[columns]
-        shaping = np.array([b.name in self.family.shaping for b in unknowns.blocks for _ in range(b.size)])[columns]
+        owner, shaping = self._owners[columns], self._shaping[columns]
         points = x + STEP * np.eye(x.size)[columns]
-        parts = []
-        for k, (experiment, used, weight) in enumerate(zip(self.experiments, self.used, self.weights(), strict=True)):
-            part = np.zeros((columns.size, int(used.sum())))
-            if part.size:
-                simulated = ~shaping & ((owner == _SHARED) | (owner == k))
-                run = self._run(k, unknowns.values(np.vstack([x, points[simulated]])))
-                low = np.where(run.soc < _LOW_SOC, _LOW_WEIGHT, 1.0)
-                rows = ((run.voltage - experiment.voltage_v) * low * weight)[:, used]
-                part[simulated] = (rows[1:] - rows[0]) / STEP
-                place = self.family.read_at(tuple(state[:1] for state in run.states))[..., used]
-                curves = self._open_circuit(unknowns.values(np.vstack([x, points[shaping]])), place)
-                part[shaping] = (curves[1:] - curves[0]) / STEP * (low[0] * weight)[used]
-            parts.append(part)
-        pulls = (unknowns.pulls(points) - unknowns.pulls(x)) / STEP
-        monotone = self._monotone(unknowns.values(np.vstack([x, points])))
-        return np.concatenate([*parts, pulls, (monotone[1:] - monotone[0]) / STEP], axis=1).T
+        shapes = self.family.cell(unknowns.values(np.vstack([x, points[shaping]])))
+        rows, slopes = [], []
+        for k, (used, weight) in enumerate(zip(self.used, self.weights, strict=True)):
+            slope = np.zeros((columns.size, int(used.sum())))
+            if not slope.shape[1]:
+                rows.append(slope[0])
+                slopes.append(slope)
+                continue
+            simulated = ~shaping & ((owner == _SHARED) | (owner == k))
+            run = self._run(k, unknowns.values(np.vstack([x, points[simulated]])))
+            off = self._weighted(k, run)
+            slope[simulated] = (off[1:] - off[0]) / STEP
+            place = self.family.read_at(tuple(state[:1] for state in run.states))[..., used]
+            bent = _open_circuit(shapes, place)
+            slope[shaping] = (bent[1:] - bent[0]) / STEP * (_trusted(run.soc[0]) * weight)[used]
+            rows.append(off[0])
+            slopes.append(slope)
+        short = _monotone(shapes)
+        slope = np.zeros((columns.size, short.shape[1]))
+        slope[shaping] = (short[1:] - short[0]) / STEP
+        pulls = unknowns.pulls(np.vstack([x, points]))
+        slopes += [(pulls[1:] - pulls[0]) / STEP, slope]
+        return np.concatenate([*rows, pulls[0], short[0]]), np.concatenate(slopes, axis=1).T
+
+    @cached_property
+    def _owners(self) -> np.ndarray:
+        """The recording that each number belongs to alone."""
+        return np.concatenate([np.full(b.size, _owner(b.name)) for b in self.unknowns.blocks])
+
+    @cached_property
+    def _shaping(self) -> Flags:
+        """Which numbers shape the curve alone."""
+        return np.array([b.name in self.family.shaping for b in self.unknowns.blocks for _ in range(b.size)])
+
+    def _weighted(self, k: int, run: Simulation) -> Array:
+        """Residuals (M, used) of one recording's run."""
+        off = (run.voltage - self.experiments[k].voltage_v) * _trusted(run.soc) * self.weights[k]
+        return np.asarray(off[:, self.used[k]])
 
     def misfits(self, x: Array) -> list[tuple[Array, Array]]:
         """Modelled minus measured voltage [V] and state of charge along every recording, for one candidate (n,)."""
-        runs = self._runs(self.unknowns.values(x))
-        return [(voltage[0] - e.voltage_v, soc[0]) for (voltage, soc), e in zip(runs, self.experiments, strict=True)]
-
-    def _runs(self, values: dict[str, Array]) -> list[tuple[Array, Array]]:
+        values = self.unknowns.values(x)
         runs = [self._run(k, values) for k in range(len(self.experiments))]
-        return [(run.voltage, run.soc) for run in runs]
+        return [(run.voltage[0] - e.voltage_v, run.soc[0]) for run, e in zip(runs, self.experiments, strict=True)]
 
     def _run(self, k: int, values: dict[str, Array]) -> Simulation:
         """One recording simulated, (M, T)."""
@@ -119,11 +133,7 @@ class Problem:
         shape = (next(iter(values.values())).shape[0], experiment.time_s.size)
         return replace(run, voltage=np.broadcast_to(run.voltage, shape), soc=np.broadcast_to(run.soc, shape))
 
-    def _open_circuit(self, values: dict[str, Array], soc: Array) -> Array:
-        """Open-circuit voltages of every candidate (M, T)."""
-        curve = np.asarray(self.family.cell(values).open_circuit(soc))
-        return np.broadcast_to(curve, (next(iter(values.values())).shape[0], soc.shape[-1]))
-
+    @cached_property
     def weights(self) -> list[Array]:
         """Of every sample's residual: what it counts, over what it is expected to be. [1/V]"""
         found = []
@@ -139,11 +149,12 @@ class Problem:
     def fitting(self, x: Array) -> list[Fitting]:
         """How the candidate ``x`` (n,) fits the samples that the fit looks at, recording by recording."""
         values = self.unknowns.values(x)
+        cell = self.family.cell(values)
         found = []
         for k, (experiment, used) in enumerate(zip(self.experiments, self.used, strict=True)):
             run = self._run(k, values)
             around = run.soc + np.array([[-_SLOPE_REACH], [0.0], [_SLOPE_REACH]])
-            below, here, above = (self._open_circuit(values, soc[None, :])[0] for soc in around)
+            below, here, above = (_open_circuit(cell, soc[None, :])[0] for soc in around)
             found.append(
                 Fitting(
                     misfit_v=run.voltage[0] - experiment.voltage_v,
@@ -186,16 +197,27 @@ class Problem:
         )
         return replace(self, trust=tuple(finer * t for t in trust), soc_prior=begins)
 
-    def _monotone(self, values: dict[str, Array]) -> Array:
-        """What a curve that does not fall is punished with."""
-        slope = np.diff(self._open_circuit(values, _SLOPE_SPAN), axis=1) * (_SLOPE_SPAN.size - 1)
-        short: Array = np.minimum(slope - _LEAST_SLOPE_V, 0.0) / _SLOPE_SD_V
-        return short
-
     @property
     def data_rows(self) -> int:
         """How many of the residuals are of recordings; pulls follow them."""
         return int(sum(used.sum() for used in self.used))
+
+
+def _open_circuit(cells: CellModel, soc: Array) -> Array:
+    """Open-circuit voltages of every candidate (M, T)."""
+    return np.atleast_2d(np.asarray(cells.open_circuit(soc)))
+
+
+def _monotone(cells: CellModel) -> Array:
+    """What a curve that does not fall is punished with (M, rows)."""
+    slope = np.diff(_open_circuit(cells, _SLOPE_SPAN), axis=1) * (_SLOPE_SPAN.size - 1)
+    short: Array = np.minimum(slope - _LEAST_SLOPE_V, 0.0) / _SLOPE_SD_V
+    return short
+
+
+def _trusted(soc: Array) -> Array:
+    """How much a cell model is trusted at a state of charge."""
+    return np.where(soc < _LOW_SOC, _LOW_WEIGHT, 1.0)
 
 
 def _owner(name: str) -> int:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.linalg import qr
 from scipy.optimize import least_squares, minimize
 
 from bhm_service.identification.problem import Problem
@@ -69,15 +70,25 @@ def _trf(problem: Problem, start: Array, moving: Array, evaluations: int) -> Sol
     low, high = unknowns.low[moving], unknowns.high[moving]
     inside = np.clip(start[moving], low + 1e-6 * (high - low), high - 1e-6 * (high - low))
 
-    def residual(part: Array) -> Array:
-        return np.asarray(problem.residuals(_whole(start, moving, part[None, :]))[0])
+    columns = np.flatnonzero(moving)
+    last: dict[bytes, Array] = {}
 
-    def jacobian(part: Array) -> Array:
-        return problem.jacobian(_whole(start, moving, part), np.flatnonzero(moving))
+    def triangle(part: Array) -> Array:
+        """Jacobian and residuals turned into a triangle: as long, and at the same angles, in as many rows as columns.
+
+        Most places that are tried are taken, and then their Jacobian is asked for: both are made at once.
+        """
+        key = part.tobytes()
+        if key not in last:
+            last.clear()
+            residual, jacobian = problem.linearised(_whole(start, moving, part), columns)
+            last[key] = qr(np.column_stack([jacobian, residual]), mode="raw", overwrite_a=True, check_finite=False)[1]
+        return last[key]
 
     found = least_squares(
-        residual, inside, jac=jacobian, bounds=(low, high), x_scale="jac", max_nfev=evaluations, ftol=1e-5, xtol=1e-6
-    )
+        lambda part: triangle(part)[:, -1], inside, jac=lambda part: triangle(part)[:, :-1], bounds=(low, high),
+        x_scale="jac", max_nfev=evaluations, ftol=1e-5, xtol=1e-6,
+    )  # fmt: skip
     return Solution(
         problem=problem, x=_whole(start, moving, found.x), cost=float(found.cost), evaluations=int(found.nfev)
     )

@@ -41,7 +41,7 @@ def spread(solution: Solution, seed: int = 1, *, as_expected: bool = False) -> S
     """
     problem, x = solution.problem, solution.x
     unknowns = problem.unknowns
-    residual, jacobian = problem.residuals(x)[0], problem.jacobian(x, np.arange(x.size))
+    residual, jacobian = problem.linearised(x, np.arange(x.size))
     data = problem.data_rows
     curvature = jacobian.T @ jacobian
     prior = jacobian[data:].T @ jacobian[data:]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -58,7 +59,7 @@ def numbers(name: str, prior: Array, sd: float | Array, reach: float | Array) ->
     )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Unknowns:
     """All blocks of a fit."""
 
@@ -68,15 +69,23 @@ class Unknowns:
     def start(self) -> Array:
         return np.concatenate([b.start for b in self.blocks])
 
-    @property
+    @cached_property
     def low(self) -> Array:
         return np.concatenate([b.low for b in self.blocks])
 
-    @property
+    @cached_property
     def high(self) -> Array:
         return np.concatenate([b.high for b in self.blocks])
 
-    @property
+    @cached_property
+    def _prior(self) -> Array:
+        return np.concatenate([b.prior for b in self.blocks])
+
+    @cached_property
+    def _sd(self) -> Array:
+        return np.concatenate([b.sd for b in self.blocks])
+
+    @cached_property
     def names(self) -> list[str]:
         """One name for every number."""
         return [b.name if b.size == 1 else f"{b.name}[{k}]" for b in self.blocks for k in range(b.size)]
@@ -93,9 +102,7 @@ class Unknowns:
 
     def pulls(self, x: Array) -> Array:
         """How far vectors (M, n) are from what was known before, in its standard deviations."""
-        prior = np.concatenate([b.prior for b in self.blocks])
-        sd = np.concatenate([b.sd for b in self.blocks])
-        pulls: Array = (np.atleast_2d(x) - prior) / sd
+        pulls: Array = (np.atleast_2d(x) - self._prior) / self._sd
         return pulls
 
     def slice_of(self, name: str) -> slice:

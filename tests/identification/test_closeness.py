@@ -68,6 +68,6 @@ def test_a_fit_says_where_its_drop_and_its_slope_are_and_doubts_by_shares():
         rise = np.asarray(premises.curve.voltage(soc + 0.005)) - np.asarray(premises.curve.voltage(soc - 0.005))
         assert fit.slope_v[middle] == pytest.approx(rise[middle] / 0.01, abs=0.02)
     halves = tuple(np.full(e.time_s.size, 0.5) for e in experiments)
-    for alike, halved in zip(problem.doubting(x).weights(), problem.doubting(x, halves).weights(), strict=True):
+    for alike, halved in zip(problem.doubting(x).weights, problem.doubting(x, halves).weights, strict=True):
         assert np.all(halved >= 0.5 * alike)  # half as close, so half as far from what is usual
         assert np.all(halved[alike > 0.0] < alike[alike > 0.0])

@@ -64,7 +64,7 @@ def test_covariance_and_bootstrap_are_those_of_the_linear_fit():
     rng = np.random.default_rng(3)
     solution, run = fitted(rng)
     # Weighted least squares of v = ... - R i: var R = sum w^4 i^2 s^2 / (sum w^2 i^2)^2, w the fit's own weights.
-    w = solution.problem.weights()[0]
+    w = solution.problem.weights[0]
     i = run.current_a
     exact = NOISE_V * np.sqrt(np.sum(w**4 * i**2)) / np.sum(w**2 * i**2)
     found = spread(solution)
@@ -136,7 +136,7 @@ def test_that_a_slow_discharge_begins_full_keeps_its_say():
     for kind, keeps in ((Kind.SLOW, True), (Kind.VARIABLE, False)):
         problem = replace(solution.problem, experiments=(replace(run, kind=kind),))
         closer = problem.as_followed(solution.x)
-        by = closer.weights()[0][0] / problem.weights()[0][0]
+        by = closer.weights[0][0] / problem.weights[0][0]
         assert by > 5.0
         assert closer.soc_prior[0] == pytest.approx((0.9, KNOWN / by if keeps else KNOWN))
 
@@ -145,7 +145,7 @@ def test_recordings_that_a_model_does_not_follow_keep_the_weight_that_they_had()
     rng = np.random.default_rng(10)
     wave = 0.02 * np.sin(np.arange(1200.0) / 60.0)
     solution, _ = fitted(rng, noise=wave + 0.0003 * rng.standard_normal(1200))
-    weights, followed = solution.problem.weights()[0], solution.problem.as_followed(solution.x).weights()[0]
+    weights, followed = solution.problem.weights[0], solution.problem.as_followed(solution.x).weights[0]
     assert np.array_equal(weights, followed)
 
 
