@@ -18,7 +18,7 @@ from bhm_service.prediction.demand_effects import DEMAND_EFFECTS
 from bhm_service.units import Array
 
 _START = Noise(0.7, 0.2, 0.03)
-_FLOOR = 0.002  # of the hover's power: none is measured better than this
+FLOOR = 0.002  # of the hover's power: none is measured better than this
 _WITNESSES, _MOST_DOUBT = 1.0 / 3.0, 3.0  # a model's errors are alike in flights of a kind, as on the battery's side
 _WIDTH, _DEPTH = 2, 4
 LEAST = 0.005  # of the hover's power, RMS: what adds less changes nothing that anybody flies by
@@ -141,7 +141,7 @@ def search(base: Demand) -> DemandSearch:
     for _ in range(2):  # a payload let go stands in the first noise
         everything = fit(base.with_terms(terms), _START)
         misfits = everything.joint.misfits(everything.x)
-        noise = estimated(misfits, _FLOOR)
+        noise = estimated(misfits, FLOOR)
         terms = _released(terms, misfits_without(everything, PAYLOAD), base, noise)
     terms += _carried(everything, terms)
     doubt = float(np.clip(_WITNESSES * len(base.flights), 1.0, _MOST_DOUBT))

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bhm_service.config import Vehicle
+from bhm_service.discrepancy.demand_drift import drifting
 from bhm_service.discrepancy.demand_model import LEVEL_SD, Craft, Demand, Flown, Term, craft_of, flown_of
 from bhm_service.discrepancy.demand_search import PAYLOAD, Chosen, DemandSearch, Fit, choose, rms, search, unseen
 from bhm_service.discrepancy.demand_words import demand_effect_in_words, demand_sentence
@@ -104,7 +105,8 @@ def _found(found: DemandSearch, chosen: Chosen) -> DemandSide:
     slow = [_slow(a, c.flight) for a, c in zip(after, courses, strict=True)]
     # What one flight's hover is off by is scatter, not a shape that no effect has.
     left = [rms([_slow(m, f)]) for m, f in zip(fitted.joint.misfits(fitted.x), fitted.joint.flights, strict=True)]
-    strange = max(left) > min(_STRANGE, max(_UNLIKE * float(np.median(left)), _STRANGE / 2.0))
+    drift = drifting(fitted)
+    strange = drift is not None or max(left) > min(_STRANGE, max(_UNLIKE * float(np.median(left)), _STRANGE / 2.0))
     where = fitted.joint.places["level"]
     level = Quantity(value=float(np.expm1(fitted.x[where][0])), sd=float(fitted.sd("level")[0]), unit="1")
     verdict: Verdict = "none"
@@ -115,6 +117,7 @@ def _found(found: DemandSearch, chosen: Chosen) -> DemandSide:
     elif abs(float(fitted.x[where][0])) > _SHIFTED * LEVEL_SD:
         verdict = "parameter"
     rest = (rms(slow) / max(rms([_slow(b, c.flight) for b, c in zip(before, courses, strict=True)]), 1e-9)) ** 2
+    much = verdict == "unknown" or (bool(chosen.names) and rest > _REST)
     held = unseen(found, chosen.names), unseen(found, frozenset())
     unseen_w = (
         None if held[0] is None or held[1] is None else (craft.hover_w * rms(held[1]), craft.hover_w * rms(held[0]))
@@ -129,15 +132,13 @@ def _found(found: DemandSearch, chosen: Chosen) -> DemandSide:
         change_points=tuple(
             ChangePoint(flight=flight, time_s=time_s) for t in fitted.joint.terms for flight, time_s in t.change_points
         ),
-        rest=float(np.clip(rest, 0.0, 1.0))
-        if strange and (chosen.names or verdict == "unknown") and rest > _REST
-        else 0.0,
+        rest=float(np.clip(rest, 0.0, 1.0)) if strange and much else 0.0,
         level=level,
         noise=found.noise.sigma_v,
         errors_w=(craft.hover_w * errors[0], craft.hover_w * errors[1]),
         unseen_w=unseen_w,
         courses=courses,
-        sentence=demand_sentence(verdict, [e.id for e in effects], alternatives, level.value),
+        sentence=demand_sentence(verdict, [e.id for e in effects], alternatives, level.value, drift),
         in_words=tuple(demand_effect_in_words(t, fitted) for t in _by_size(chosen, fitted)),
         not_shown=tuple(name for name in DEMAND_EFFECTS if name not in shown and found.snr.get(name, 0.0) < LEAST_SNR),
         repaired=_repaired(fitted) if chosen.names or verdict == "parameter" else None,

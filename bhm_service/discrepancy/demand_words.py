@@ -22,14 +22,28 @@ def demand_titles(ids: Sequence[str]) -> str:
     return " and ".join(t[0].lower() + t[1:] for t in titles)
 
 
-def demand_sentence(verdict: str, ids: Sequence[str], alternatives: Sequence[Sequence[str]], level: float) -> str:
-    """The verdict in one sentence; ``level``: by which share the hover takes more than the vehicle file says."""
+def demand_sentence(
+    verdict: str,
+    ids: Sequence[str],
+    alternatives: Sequence[Sequence[str]],
+    level: float,
+    drift: float | None = None,
+) -> str:
+    """The verdict in one sentence; ``level``: by which share the hover takes more than the vehicle file says, and
+    ``drift``: by which it takes more at the end of a flight than at its beginning, if nothing explains that.
+    """
     if verdict == "named":
         return f"The vehicle file leaves out physics of the demand: {demand_titles(ids)}."
     if verdict == "ambiguous":
         told = ", or ".join(demand_titles(names) for names in (ids, *alternatives))
         return f"The vehicle file leaves out physics of the demand, but these flights cannot tell which: {told}."
     if verdict == "unknown":
+        if drift is not None:
+            way = "more" if drift > 0.0 else "less"
+            return (
+                "The flights ask for power that no demand effect of the catalogue explains: flown alike, they take "
+                f"{100.0 * abs(drift):.1f} % {way} of the hover's power at their end than after take-off."
+            )
         return "The flights ask for power that no demand effect of the catalogue explains."
     if verdict == "parameter":
         way = "more" if level > 0.0 else "less"

@@ -12,10 +12,12 @@ from discrepancy.explained import findings
 from discrepancy.ridden import CLIMB, EFFICIENCY, ridden, vehicle
 
 from bhm_service.config import Vehicle
+from bhm_service.discrepancy.demand_drift import drifting
 from bhm_service.discrepancy.demand_findings import joined_findings
-from bhm_service.discrepancy.demand_model import flown_of
+from bhm_service.discrepancy.demand_model import Demand, craft_of, flown_of
 from bhm_service.discrepancy.demand_release import releases
 from bhm_service.discrepancy.demand_side import DemandSide, NotLooked, demand_side
+from bhm_service.discrepancy.fitting import fit
 from bhm_service.discrepancy.noise import Noise
 from bhm_service.errors import BadInputError
 from bhm_service.prediction.demand_file import known_demand, with_demand
@@ -101,6 +103,26 @@ def test_power_that_no_effect_explains_is_owned_up_to():
     iced = 1.0 + 0.25 * np.clip((flights[1].time_s - 200.0) / 150.0, 0.0, 1.0) * flights[1].airborne
     found = looked([flights[0], replace(flights[1], current_a=flights[1].current_a * iced), *flights[2:]], CLIMB)
     assert found.verdict == "unknown" and found.rest > 0.5
+
+
+def growing(flight, per_minute):
+    by = 1.0 + per_minute * np.maximum(flight.since_takeoff_s, 0.0) / 60.0
+    return replace(flight, current_a=flight.current_a * by)
+
+
+def test_power_that_grows_with_the_time_in_the_air_has_no_name_and_is_owned_up_to():
+    found = looked([growing(ridden(k), 0.006) for k in range(5)], CLIMB)
+    assert (found.verdict, ids(found), found.repaired) == ("unknown", [], None)
+    assert found.rest > 0.1
+    assert re.search(r"they take [345]\.\d % more of the hover's power at their end", found.sentence)
+
+
+def test_gusts_alone_grow_with_no_time():
+    """Of forty crafts whose files are right none says so; by its odds one in twenty thousand may."""
+    craft = craft_of(vehicle(CLIMB), "known")
+    for seed in range(40):
+        flights = tuple(flown_of(ridden(k, seed=seed)) for k in range(4))
+        assert drifting(fit(Demand(craft, flights), Noise(0.5, 0.0, 0.02))) is None
 
 
 @pytest.mark.parametrize(
