@@ -24,11 +24,12 @@ from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.lab import Lab, lab_of
 from bhm_service.discrepancy.locate import locate, regime_maps, variables
 from bhm_service.discrepancy.patterns import Pattern, telling
+from bhm_service.discrepancy.recurring import Recurring, recurring
 from bhm_service.discrepancy.repair import flying, patched, repaired, retuned
 from bhm_service.discrepancy.search import LEAST_SNR, NATS, NEAR, STRUCTURAL, Names, Progress, Search, needed, search
 from bhm_service.discrepancy.selection import MUCH, NOTHING, Selection, select, share
 from bhm_service.discrepancy.significance import familywise
-from bhm_service.discrepancy.words import effect_in_words, moved_of, pattern_in_words, sentence, values_of
+from bhm_service.discrepancy.words import effect_in_words, left_in_words, moved_of, sentence, values_of
 from bhm_service.errors import BadInputError
 from bhm_service.units import SECONDS_PER_HOUR, Array
 
@@ -97,8 +98,8 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
         battery = patched(request.battery, findings.fit.rmse_before_V / lab.series)
     said, advised = sentence(findings, len(flights), moved_of(fitted)), advice(found, chosen, judged.verdict)
     if leftover is not None:
-        said = f"{said[:-1]}; {pattern_in_words(leftover)}."
-        advised.append(f"Look for a cause that goes with it: {pattern_in_words(leftover)}.")
+        said = f"{said[:-1]}; {left_in_words(leftover)}."
+        advised.append(f"Look for a cause that goes with it: {left_in_words(leftover)}.")
     if request.vehicle is not None:
         progress("the power that was asked for")
     over = variables([c.flight for c in courses], [c.soc for c in courses])
@@ -169,15 +170,16 @@ def _witnessed(earned: Mapping[str, float]) -> bool:
     return all(nats >= (needed(name) if name in STRUCTURAL else NEAR) for name, nats in earned.items())
 
 
-def _outweighed(found: Search, chosen: Selection) -> tuple[Selection, Pattern | None]:
-    """The selection and the pattern that it leaves; nothing is selected where a pattern tells more than it does.
+def _outweighed(found: Search, chosen: Selection) -> tuple[Selection, Pattern | Recurring | None]:
+    """The selection and what it leaves; nothing is selected where what is left tells more than it does.
 
     What by itself explains much of the misfit stays, with an unexplained rest. What looks like a model's structure
     is no physics of this pack where something without a name does as well.
     """
-    left = telling(found.fitted(chosen.names))
+    # A period is no error of the lab, however small: no model of a cell keeps time.
+    left = recurring(found.fitted(chosen.names)) or _pattern(found, chosen.names)
     if not chosen.names:
-        return chosen, left if verdict.beyond_lab(found) else None
+        return chosen, left
     if left is not None and left.nats > found.evidence(chosen.names) and share(found, chosen.names) < MUCH:
         return NOTHING, left
     if chosen.names <= STRUCTURAL:
@@ -185,6 +187,11 @@ def _outweighed(found: Search, chosen: Selection) -> tuple[Selection, Pattern | 
         if bare is not None and bare.nats > found.evidence(chosen.names) - NATS:
             return NOTHING, bare
     return chosen, left
+
+
+def _pattern(found: Search, names: Names) -> Pattern | None:
+    """The pattern that a set leaves; what is within the lab's own errors is one of those."""
+    return telling(found.fitted(names)) if names or verdict.beyond_lab(found) else None
 
 
 def courses_of(base: Joint, fitted: Fitted) -> list[Course]:

@@ -13,6 +13,7 @@ from bhm_service.discrepancy.findings import Verdict
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.patterns import Pattern
+from bhm_service.discrepancy.recurring import Recurring
 from bhm_service.discrepancy.search import LEAST_SNR, Search
 from bhm_service.discrepancy.selection import LEAST_V, Selection
 from bhm_service.units import Array
@@ -41,9 +42,9 @@ def judge(
     fitted: Fitted,
     courses: Sequence[Course],
     rivals: Sequence[Contest],
-    leftover: Pattern | None,
+    leftover: Pattern | Recurring | None,
 ) -> Judged:
-    """The verdict on a selection and on the pattern that it leaves."""
+    """The verdict on a selection and on the pattern or period that it leaves."""
     before = [slow(c.flight.voltage_v - c.before_v, c.flight) for c in courses]
     after = [slow(c.flight.voltage_v - c.after_v, c.flight) for c in courses]
     floor = found.noise.sigma_v**2 / _SLOW_S

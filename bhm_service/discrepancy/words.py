@@ -15,6 +15,7 @@ from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.lab import Lab
 from bhm_service.discrepancy.labels import flights_in_words
 from bhm_service.discrepancy.patterns import Pattern
+from bhm_service.discrepancy.recurring import Recurring
 from bhm_service.discrepancy.sizes import Scene, size, volts, volts_between
 from bhm_service.discrepancy.toll import Toll, tolls
 from bhm_service.units import Value
@@ -142,8 +143,14 @@ def _range_in_words(name: str, low: float, high: float) -> str:
     return f"{known.title} {ends} {known.unit}".rstrip()
 
 
-def pattern_in_words(pattern: Pattern) -> str:
+def left_in_words(left: Pattern | Recurring) -> str:
     """What is left, with its units: a description of these flights, bounded to what they saw."""
+    if isinstance(left, Recurring):
+        return f"what is left comes back every {left.period_s:.0f} s, and nothing that was recorded does"
+    return _pattern_in_words(left)
+
+
+def _pattern_in_words(pattern: Pattern) -> str:
     known = VARIABLES.get(pattern.variable, Variable(pattern.variable, ""))
     unit = "mV" if pattern.kind == "voltage" else "mOhm"
     ends = sorted((int(np.argmin(pattern.heights)), int(np.argmax(pattern.heights))))

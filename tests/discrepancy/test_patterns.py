@@ -10,7 +10,7 @@ from discrepancy.flown import base, four
 from bhm_service.discrepancy.fitting import fit
 from bhm_service.discrepancy.noise import Noise
 from bhm_service.discrepancy.patterns import patterns, telling
-from bhm_service.discrepancy.words import pattern_in_words
+from bhm_service.discrepancy.words import left_in_words
 
 NOISE = Noise(0.95, 0.7, 0.008)
 
@@ -28,7 +28,7 @@ def test_a_voltage_that_drifts_with_time_is_found_with_its_size_and_unit():
     found = telling(drifting)
     assert found is not None
     assert found.kind == "voltage"
-    assert "mV at" in pattern_in_words(found)
+    assert "mV at" in left_in_words(found)
 
 
 def test_a_resistance_that_follows_no_driver_is_a_resistance_of_single_flights():

@@ -1,0 +1,93 @@
+"""What comes back with a period in all flights and is in nothing that was recorded: a heater that switches, say.
+
+No effect of the catalogue keeps time by itself. What a fit leaves of every flight is compared, frequency by frequency,
+with what it leaves at the frequencies beside, whatever the noise's colour; noise alone is there exponential, and the
+sum over flights a gamma variable. A line has to be in both halves of the flights, which a bump at one state of charge
+is not, and not in the current, which manoeuvres that come back are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import gamma
+
+from bhm_service.discrepancy.fitting import Fitted
+from bhm_service.units import Array
+
+_PERIODS_S = (20.0, 240.0)  # faster is noise, slower is a course
+_FINER = 4.0  # than the frequencies that the longest flight tells apart
+_LEAST_CYCLES = 4.0  # in a flight
+_BESIDE = 24  # frequencies on which the noise beside a line is taken
+_CLIP = 4.0  # standard deviations beyond which a residual counts no more
+# [nats] that an explanation by chance is unlikely by, over all frequencies: what the ratio to a level that is itself
+# taken from few frequencies lacks to an exponential variable, and flights that are alike, are far below.
+_TELLING = 30.0
+_HALF = float(np.log(1e3))  # [nats] at that one frequency, in each half, and in the current
+
+
+@dataclass(frozen=True, slots=True)
+class Recurring:
+    """A line in what is left of all flights."""
+
+    period_s: float
+    nats: float  # minus the log of the odds that noise has such a line anywhere
+
+
+def recurring(fitted: Fitted) -> Recurring | None:
+    """The period that what a fit leaves comes back with; None where chance would do."""
+    flights = fitted.joint.flights
+    times = [f.time_s for f in flights]
+    longest = max(float(t[-1] - t[0]) for t in times)
+    least, most = 1.0 / _PERIODS_S[1], 1.0 / _PERIODS_S[0]
+    frequencies = np.arange(least, most, 1.0 / (_FINER * longest))
+    left = [row[: t.size] for row, t in zip(fitted.rows, times, strict=True)]
+    nats = _nats(left, times, frequencies, _LEAST_CYCLES) - np.log((most - least) * longest)
+    best = int(np.argmax(nats))
+    if nats[best] < _TELLING:
+        return None
+    there = frequencies[best : best + 1]
+    halves = [[slice(0, t.size // 2) for t in times], [slice(t.size // 2, None) for t in times]]
+    for parts in halves:
+        own = [row[p] for row, p in zip(left, parts, strict=True)]
+        if _nats(own, [t[p] for t, p in zip(times, parts, strict=True)], there, _LEAST_CYCLES / 2.0)[0] < _HALF:
+            return None
+    steps = [np.diff(f.current_a, prepend=f.current_a[0]) for f in flights]
+    if _nats(steps, times, there, _LEAST_CYCLES)[0] > _HALF:
+        return None
+    return Recurring(1.0 / float(there[0]), float(nats[best]))
+
+
+def _nats(series: Sequence[Array], times: Sequence[Array], frequencies: Array, cycles: float) -> Array:
+    """Minus the log of the odds that noise has as much at each frequency, over all series that are long enough."""
+    ratios, count = np.zeros(frequencies.size), np.zeros(frequencies.size)
+    for values, time_s in zip(series, times, strict=True):
+        lasts = float(time_s[-1] - time_s[0])
+        known = frequencies * lasts >= cycles
+        if known.any():
+            ratios[known] += _over_beside(values, time_s, frequencies[known])
+            count += known
+    return np.asarray(np.where(count > 0, -gamma.logsf(ratios, np.maximum(count, 1)), 0.0))
+
+
+def _over_beside(values: Array, time_s: Array, frequencies: Array) -> Array:
+    """Power at frequencies over that of the frequencies beside; of mean one in noise of a smooth spectrum."""
+    spread = max(1.4826 * float(np.median(np.abs(values - np.median(values)))), 1e-9)
+    clipped = np.clip(values / spread, -_CLIP, _CLIP)
+    tapered = (clipped - clipped.mean()) * np.hanning(values.size + 2)[1:-1]
+
+    def power(at: Array) -> Array:
+        return np.asarray(np.abs(np.exp(-2j * np.pi * np.outer(at, time_s)) @ tapered) ** 2)
+
+    width = 1.0 / float(time_s[-1] - time_s[0])
+    grid = np.arange(1.5 * width, 1.5 / _PERIODS_S[0], width)
+    levels = power(grid)
+    beside = np.empty(frequencies.size)
+    for k, frequency in enumerate(frequencies.tolist()):
+        away = np.abs(grid - frequency)
+        order = np.argsort(away)
+        near = order[away[order] > 2.0 * width][:_BESIDE]  # past the taper's own width
+        beside[k] = np.median(levels[near]) / np.log(2.0)
+    return power(frequencies) / np.maximum(beside, 1e-12)
