@@ -76,6 +76,24 @@ def test_derivatives_are_those_of_the_residuals(model, members):
         assert np.linalg.norm(ours - truth) < 0.02 * np.linalg.norm(truth) + 1e-6, joint.unknowns.names[k]
 
 
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_a_full_charge_is_known_to_a_hundredth_and_from_flight_to_flight_to_half_of_that(count):
+    joint = base([flown(number=k, samples=20) for k in range(count)])
+    where, scale = joint.places["start_soc"], joint.scale
+    spread = np.linalg.inv(joint.known)[where, where] * np.outer(scale[where], scale[where])
+    common = 0.01**2 - 0.005**2
+    np.testing.assert_allclose(spread, common + 0.005**2 * np.eye(count), rtol=1e-9)
+
+
+def test_a_charge_that_a_gauge_told_says_nothing_of_other_flights():
+    flights = [replace(flown(number=k, samples=20), reading=reading) for k, reading in enumerate([None, 0.7, None])]
+    joint = base(flights)
+    where, scale = joint.places["start_soc"], joint.scale
+    spread = np.linalg.inv(joint.known)[where, where] * np.outer(scale[where], scale[where])
+    np.testing.assert_allclose(spread[1], [0.0, 0.02**2, 0.0], atol=1e-15)
+    assert spread[0, 2] == pytest.approx(0.01**2 - 0.005**2)
+
+
 def test_what_belongs_to_a_flight_moves_no_other():
     joint = with_members(FLIGHTS, {"partial-charge"})
     slopes = full_slopes(joint, joint.unknowns.start)
@@ -129,9 +147,12 @@ def test_flights_side_by_side_are_as_each_alone(names):
         (lone,), (slope,) = single.linearised(kept, NOISE)[0], full_slopes(single, kept)
         np.testing.assert_allclose(rows[k], lone, atol=1e-9)
         for name, where in joint.places.items():
-            mine = slopes[k][:, where]
+            mine = (slopes[k] / joint.scale)[:, where]
             mine = mine[:, k : k + 1] if name in others else mine
-            np.testing.assert_allclose(mine, slope[:, single.places[name]], atol=1e-5 * np.abs(mine).max() + 1e-9)
+            found = (slope / single.scale)[:, single.places[name]]
+            # How one start is known depends on the others, and with it the step across the curve's bends.
+            near = 3e-3 if name == "start_soc" else 1e-5
+            np.testing.assert_allclose(mine, found, atol=near * np.abs(mine).max() + 1e-9)
 
 
 def test_a_companion_that_two_members_have_is_one():
