@@ -25,8 +25,14 @@ MUCH = 0.4  # of the misfit's power: what explains less of it by itself has to e
 _OPPOSED = -0.8  # cosine
 _FELT = 0.1  # of what an effect adds at most
 _REACH = 0.995  # of the way to a bound of what is physical
-# The commoner first: what stands beside another cause, or is an error of a model's structure, comes last.
-_ORDER = {name: place for place, name in enumerate(sorted(EFFECTS, key=lambda name: name in STRUCTURAL | COMPANIONS))}
+# What any pack meets on its way, then what is wrong with a sensor or a cell, then what stands beside another cause or
+# is an error of a model's structure.
+_COMMONEST = frozenset(
+    {
+        "resistance-temperature", "self-heating", "capacity-fade", "resistance-growth", "contact-resistance",
+        "partial-charge", "self-discharge",
+    }
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +49,7 @@ NOTHING = Selection(frozenset(), (), {}, {})
 
 
 def select(found: Search, refuted: Collection[Names] = ()) -> Selection:
-    """The best of the sets whose every member earns its place; among equals the simplest, then the commonest.
+    """The best of the sets whose every member earns its place; among equals the simplest, the commonest, the likeliest.
 
     What the flights like far less than a refuted set is only what that one leaves to be had, unless it is part of it.
     """
@@ -211,4 +217,5 @@ def _physical(fitted: Fitted) -> bool:
 
 
 def _order(names: Names) -> tuple[int, ...]:
-    return tuple(sorted(_ORDER[name] for name in names))
+    """How common a set's members are, the commonest first."""
+    return tuple(sorted((name not in _COMMONEST) + (name in STRUCTURAL | COMPANIONS) for name in names))

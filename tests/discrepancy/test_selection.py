@@ -31,6 +31,21 @@ def test_two_effects_are_chosen_together_and_explain_nearly_all(both):
     assert share(both, FADE | CONTACT) > 0.9
 
 
+@pytest.mark.parametrize(("ahead_by", "chosen"), [(-3.0, "unseen-load"), (3.0, "current-offset")])
+def test_of_equals_that_are_as_common_the_likelier_comes_first(ahead_by, chosen):
+    """A load past the sensor comes first in the catalogue, and does the same to every flight as an offset."""
+    load, shift = frozenset({"unseen-load"}), frozenset({"current-offset"})
+    flights = tuple(flown([EFFECTS["unseen-load"](current=2.0)], seed=5, number=k) for k in range(4))
+    found = searching(flights, load | shift)
+    for names in (frozenset(), load, shift):
+        found.fitted(names)
+    lead = found.evidence(shift) - found.evidence(load)
+    cost = found.fits[load].cost + 2.0 * (ahead_by - lead)
+    doctored = replace(found, fits={**found.fits, load: replace(found.fits[load], cost=cost)})
+    assert doctored.evidence(shift) - doctored.evidence(load) == pytest.approx(ahead_by)
+    assert select(doctored).names == {chosen}
+
+
 def off_by_its_curve(flights):
     """Flights of a battery whose open-circuit curve is off by up to 25 mV a cell."""
     return [
