@@ -18,6 +18,7 @@ from bhm_service.battery.cell import CellModel, Modifiers
 from bhm_service.battery.chem import Chem
 from bhm_service.battery.circ import Circ
 from bhm_service.battery.dynamics import Follower
+from bhm_service.battery.effects import DoubleLayer
 from bhm_service.battery.effects.base import Conditions, Effect
 from bhm_service.errors import BadInputError
 from bhm_service.identification.unknowns import Block, Unknowns, numbers
@@ -186,7 +187,7 @@ def lab_of(battery: BatteryFile, model: ModelName, series: int | None, capacity_
     parallel = 1.0 if battery.series is not None or capacity_c is None else capacity_c / own
     said = battery.uncertainty
     identified = battery.series is not None
-    ohm = _ohm(cell)
+    ohm = _ohm(cell) + sum(_transfer_ohm(cell, e) for e in battery.effects(model) if isinstance(e, DoubleLayer))
     hover_v = ohm * _HOVER_C * own / SECONDS_PER_HOUR
 
     def spread(kind: str, wide: float, known: float) -> float:
@@ -217,6 +218,11 @@ def _ohm(cell: CellModel) -> float:
     one_c = float(np.asarray(cell.capacity_c)) / SECONDS_PER_HOUR
     kinetic = 2.0 * 0.0257 * (np.arcsinh(one_c / cell.i_p0) + np.arcsinh(one_c / cell.i_n0)) / one_c
     return float(np.asarray(cell.r_o + kinetic))
+
+
+def _transfer_ohm(cell: CellModel, layer: DoubleLayer) -> float:
+    one_c = float(np.asarray(cell.capacity_c)) / SECONDS_PER_HOUR
+    return float(2.0 * 0.0257 * np.arcsinh(0.5 * one_c / np.asarray(layer.exchange_current)) / one_c)
 
 
 class LabError(Effect):

@@ -9,10 +9,11 @@ from typing import ClassVar
 import numpy as np
 
 from bhm_service.battery.battery_file import Joined, ModelName
-from bhm_service.battery.effects import Effect, FullChargeResistance, ResistanceTemperature, SlowDiffusion
+from bhm_service.battery.effects import DoubleLayer, Effect, FullChargeResistance, ResistanceTemperature, SlowDiffusion
 from bhm_service.identification.unknowns import Block, numbers, positive
 from bhm_service.units import Array
 
+OHM_C = 0.025  # [V] that a LiPo cell drops at 1C
 _KILO = 1e3  # an activation energy is looked for in kJ/mol
 
 
@@ -24,9 +25,10 @@ class Extras:
     slow: bool = False
     slower: bool = False  # a second pair: diffusion lasts from seconds to an hour
     full: bool = False  # resistance that grows towards full charge
+    fast: bool = False  # charge transfer within seconds
     names: ClassVar[tuple[str, ...]] = (
         "activation_energy", "slow_resistance", "slow_time", "slower_resistance", "slower_time",
-        "full_resistance", "full_width",
+        "full_resistance", "full_width", "fast_current", "fast_time",
     )  # fmt: skip
 
     @property
@@ -35,6 +37,7 @@ class Extras:
 
     def blocks(self, ohm: float) -> list[Block]:
         """Their unknowns; ``ohm`` is the size of the cell's resistance."""
+        rate = OHM_C / ohm
         found = []
         if self.temperature:
             found.append(numbers("activation_energy", np.array([20.0]), 8.0, 19.0))
@@ -47,6 +50,9 @@ class Extras:
         if self.full:
             found.append(positive("full_resistance", 0.2 * ohm, 1e-3 * ohm, 10.0 * ohm, 4.0))
             found.append(positive("full_width", 0.1, 0.01, 5.0, 4.0))
+        if self.fast:
+            found.append(positive("fast_current", 2.0 * rate, 0.02 * rate, 500.0 * rate, 6.0))
+            found.append(positive("fast_time", 1.0, 0.05, 10.0, 3.0))
         return found
 
     def effects(self, values: Mapping[str, Array]) -> list[Effect]:
@@ -60,6 +66,8 @@ class Extras:
         )
         if self.full:
             found.append(FullChargeResistance(resistance=values["full_resistance"], width=values["full_width"]))
+        if self.fast:
+            found.append(DoubleLayer(exchange_current=values["fast_current"], time_constant=values["fast_time"]))
         return found
 
     def joined(self, model: ModelName, values: Mapping[str, Array], sd: Mapping[str, float]) -> tuple[Joined, ...]:
@@ -77,6 +85,10 @@ class Extras:
         if self.full:
             effect = FullChargeResistance(resistance=_one(values["full_resistance"]), width=_one(values["full_width"]))
             spread = {"resistance": sd["full_resistance"], "width": sd["full_width"]}
+            found.append(Joined(effect=effect, model=model, sd=spread))
+        if self.fast:
+            effect = DoubleLayer(exchange_current=_one(values["fast_current"]), time_constant=_one(values["fast_time"]))
+            spread = {"exchange_current": sd["fast_current"], "time_constant": sd["fast_time"]}
             found.append(Joined(effect=effect, model=model, sd=spread))
         return tuple(found)
 

@@ -16,7 +16,7 @@ from bhm_service.battery.circ import Circ
 from bhm_service.battery.ocv import CubicCapacitance, MonotoneSpline
 from bhm_service.battery.redlich_kister import horner, polynomial
 from bhm_service.identification.curve import BENDS, BentCurve, spline_of, table_of
-from bhm_service.identification.extras import Extras
+from bhm_service.identification.extras import OHM_C, Extras
 from bhm_service.identification.unknowns import Block, Unknowns, numbers, positive
 from bhm_service.units import SECONDS_PER_HOUR, Array
 
@@ -50,7 +50,7 @@ class Family(ABC):
     @property
     def ohm(self) -> float:
         """Size of a LiPo cell's resistance at this capacity. [Ohm]"""
-        return 0.025 * SECONDS_PER_HOUR / self.capacity_c
+        return OHM_C * SECONDS_PER_HOUR / self.capacity_c
 
     def with_extras(self, extras: Extras) -> Self:
         """The same with other effects."""

@@ -20,6 +20,7 @@ BETTER = 0.95  # of the error without it: what an addition has to reach
 _PIECES = 10
 _EDGE = 0.02  # of a bound's range (in the fit's own numbers): nearer than this is at the bound
 _AGREEING = 0.5  # of what was not known before
+_LEAST_V = 1e-6  # [V] that anything is off by
 _LEAST_SOC = 0.05  # below, cells are not alike
 
 
@@ -29,6 +30,7 @@ class Unseen:
 
     rms: float  # over all recordings
     typical: float  # geometric mean of the recordings' own: what no form follows in one of them decides nothing
+    quick: float  # the same of the differences between neighbours: what lasts for minutes decides nothing
     possible: bool  # additions are off the bounds of what is physical
     agreed: bool  # the two fits agree on their size
 
@@ -39,6 +41,7 @@ def unseen_error(problem: Problem) -> Unseen:
     Two fits agree on a number when they are within half of what was not known of it before.
     """
     squares: list[list[float]] = [[] for _ in problem.experiments]
+    changes: list[list[float]] = [[] for _ in problem.experiments]
     additions = problem.family.extras.blocks(problem.family.ohm)
     found_x: list[Array] = []
     for fold in (0, 1):
@@ -46,17 +49,25 @@ def unseen_error(problem: Problem) -> Unseen:
         seen = tuple(u & p for u, p in zip(problem.used, pieces, strict=True))
         found = solve(replace(problem, used=seen), evaluations=25)
         found_x.append(found.x)
-        for own, e, used, piece, (misfit, soc) in zip(
-            squares, problem.experiments, problem.used, pieces, problem.misfits(found.x), strict=True
+        for own, quick, e, used, piece, (misfit, soc) in zip(
+            squares, changes, problem.experiments, problem.used, pieces, problem.misfits(found.x), strict=True
         ):
             weight = e.weights() * (used & ~piece & (soc > _LEAST_SOC))
             if weight.sum() > 0.0:
                 own.append(float(np.nansum(weight * np.nan_to_num(misfit) ** 2) / weight.sum()))
+                both = (weight[1:] > 0.0) & (weight[:-1] > 0.0)
+                quick.append(float(np.mean(np.diff(np.nan_to_num(misfit))[both] ** 2)) if both.any() else 0.0)
     sizes = [(block, np.stack([x[problem.unknowns.slice_of(block.name)] for x in found_x])) for block in additions]
     possible = all(_possible(block, both) for block, both in sizes)
     agreed = all(bool(np.all(np.abs(both[0] - both[1]) < _AGREEING * block.sd)) for block, both in sizes)
-    means = np.array([np.mean(own) for own in squares if own])
-    return Unseen(float(np.sqrt(means.mean())), float(np.exp(0.5 * np.log(means).mean())), possible, agreed)
+    means, moves = (np.array([np.mean(own) for own in every if own]) for every in (squares, changes))
+    return Unseen(
+        float(np.sqrt(means.mean())), _typical(means), _typical(np.maximum(moves, _LEAST_V**2)), possible, agreed
+    )
+
+
+def _typical(means: Array) -> float:
+    return float(np.exp(0.5 * np.log(means).mean()))
 
 
 def foretold(problem: Problem) -> list[float]:

@@ -21,6 +21,8 @@ _EFFECT_BLOCKS = {
     ("slow-diffusion", "time_constant"): ("slow_time", "slower_time"),
     ("full-charge-resistance", "resistance"): ("full_resistance",),
     ("full-charge-resistance", "width"): ("full_width",),
+    ("double-layer", "exchange_current"): ("fast_current",),
+    ("double-layer", "time_constant"): ("fast_time",),
 }
 _FACTOR = 0.5  # of a logarithm: a wider spread is told as a factor
 _NOT_TOLD = "not told"

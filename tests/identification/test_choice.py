@@ -7,7 +7,7 @@ import pytest
 from battery.cells import CAPACITY_C, CURVE, circ
 from identification.known import NOISE_V, one_c, slow, variable
 
-from bhm_service.battery.effects import FullChargeResistance, ResistanceTemperature, SlowDiffusion
+from bhm_service.battery.effects import DoubleLayer, FullChargeResistance, ResistanceTemperature, SlowDiffusion
 from bhm_service.battery.pack import PackModel
 from bhm_service.identification.choice import choose
 from bhm_service.identification.experiment import Experiment, Kind
@@ -19,6 +19,7 @@ from bhm_service.units import REFERENCE_TEMPERATURE_K
 SLOW = SlowDiffusion(resistance=0.006, time_constant=400.0)
 HOUR = SlowDiffusion(resistance=0.012, time_constant=4000.0)
 FULL = FullChargeResistance(resistance=0.004, width=0.1)
+FAST = DoubleLayer(exchange_current=2.0, time_constant=1.5)
 COLD = ResistanceTemperature(activation_energy=20e3)
 
 
@@ -52,6 +53,7 @@ def test_nothing_joins_a_cell_that_lacks_nothing():
     family, error, remarks = chosen(bench())
     assert not family.extras.slow
     assert not family.extras.full
+    assert not family.extras.fast
     assert error == pytest.approx(NOISE_V, rel=0.3)
     assert any("slow diffusion: left out" in said for said in remarks)
 
@@ -70,6 +72,43 @@ def test_resistance_near_full_charge_joins_where_it_is_and_passes_for_nothing_el
     assert not family.extras.slow
     assert error == pytest.approx(NOISE_V, rel=0.3)
     assert any("resistance near full charge: joins" in said for said in remarks)
+
+
+def test_charge_transfer_within_seconds_joins_where_it_is():
+    family, error, remarks = chosen(bench(FAST))
+    assert family.extras.fast
+    assert error == pytest.approx(NOISE_V, rel=0.3)
+    assert any("charge transfer within seconds: joins" in said for said in remarks)
+
+
+@pytest.mark.parametrize(("with_it_mv", "joins"), [(3.7, True), (3.8, False)])
+def test_what_is_over_with_a_piece_joins_loosely_told_where_it_lowers_the_error_by_a_quarter(
+    monkeypatch, with_it_mv, joins
+):
+    def pieces(problem):
+        full = problem.family.extras.full
+        return Unseen(0.005, 1e-3 * with_it_mv if full else 0.005, 0.001, True, not full)
+
+    monkeypatch.setattr("bhm_service.identification.choice.unseen_error", pieces)
+    monkeypatch.setattr("bhm_service.identification.choice.foretold", lambda _: [0.005, 0.005])
+    family, _, remarks = chosen(bench())
+    assert family.extras.full is joins
+    assert any("near full charge" in said and "loosely told" in said for said in remarks)
+
+
+@pytest.mark.parametrize(
+    ("quick_mv", "typical_mv", "joins"), [(0.94, 4.9, True), (0.96, 4.9, False), (0.9, 5.1, False)]
+)
+def test_what_is_over_within_seconds_is_judged_from_sample_to_sample(monkeypatch, quick_mv, typical_mv, joins):
+    def pieces(problem):
+        fast = problem.family.extras.fast
+        typical = 1e-3 * (typical_mv if fast else 5.0)
+        return Unseen(typical, typical, 1e-3 * (quick_mv if fast else 1.0), True, not fast)
+
+    monkeypatch.setattr("bhm_service.identification.choice.unseen_error", pieces)
+    monkeypatch.setattr("bhm_service.identification.choice.foretold", lambda _: [0.005, 0.005])
+    family, _, _ = chosen(bench())
+    assert family.extras.fast is joins
 
 
 def test_diffusion_over_an_hour_joins_beside_that_over_minutes():
@@ -93,7 +132,8 @@ def test_what_is_loosely_told_joins_where_it_foretells_every_recording(
 ):
     def pieces(problem):
         slow = problem.family.extras.slow
-        return Unseen(0.003 if slow else 0.005, 0.003 if slow else 0.005, possible or not slow, agreed or not slow)
+        off = 0.003 if slow else 0.005
+        return Unseen(off, off, 0.001, possible or not slow, agreed or not slow)
 
     def foreseen(problem):
         both = (5.0, 5.0)[: len(foreseen_mv)]

@@ -9,6 +9,7 @@ from bhm_service.battery.effects.cold_capacity import ColdCapacity
 from bhm_service.battery.effects.contact import ContactResistance, IntermittentContact
 from bhm_service.battery.effects.core_lag import CoreLag
 from bhm_service.battery.effects.current_sensor import CurrentGain, CurrentOffset, UnseenLoad
+from bhm_service.battery.effects.double_layer import DoubleLayer
 from bhm_service.battery.effects.entropic_voltage import EntropicVoltage
 from bhm_service.battery.effects.full_charge import FullChargeResistance
 from bhm_service.battery.effects.hysteresis import Hysteresis
@@ -30,7 +31,7 @@ _ALL: tuple[type[Effect], ...] = (
 )  # fmt: skip
 EFFECTS: dict[str, type[Effect]] = {effect.id: effect for effect in _ALL}
 """What may be found missing: the catalogue."""
-KNOWN: dict[str, type[Effect]] = {**EFFECTS, FullChargeResistance.id: FullChargeResistance}
+KNOWN: dict[str, type[Effect]] = {**EFFECTS, **{effect.id: effect for effect in (DoubleLayer, FullChargeResistance)}}
 """What a battery file may hold: the catalogue, and what a lab alone adds to a cell model."""
 
 __all__ = [
@@ -43,6 +44,7 @@ __all__ = [
     "CoreLag",
     "CurrentGain",
     "CurrentOffset",
+    "DoubleLayer",
     "Effect",
     "EntropicVoltage",
     "FullChargeResistance",

@@ -87,6 +87,20 @@ def test_resistance_near_full_charge_falls_by_e_with_every_width_and_heats_the_c
     np.testing.assert_allclose(out.temperature[-300:] - 290.0, losses[-300:] / 2.0, rtol=0.01)
 
 
+def test_charge_transfer_behind_the_double_layer_follows_butler_volmer_with_a_lag():
+    layer = fx.DoubleLayer(exchange_current=3.0, time_constant=5.0)
+    settled = 2.0 * GAS_CONSTANT * 298.15 / FARADAY * np.arcsinh(10.0 / 6.0)
+    closed = -N * settled * (1.0 - np.exp(-T / 5.0))
+    np.testing.assert_allclose(difference(OHMIC, layer, current=STEADY), closed, atol=1e-7)
+    worn = fx.ResistanceGrowth(growth=1.0, age=1.0)  # half as fast: the exchange current halves, the lag doubles
+    slower = fx.DoubleLayer(exchange_current=1.5, time_constant=10.0)
+    added = run(OHMIC, layer, worn, current=STEADY).voltage - run(OHMIC, worn, current=STEADY).voltage
+    np.testing.assert_allclose(added, difference(OHMIC, slower, current=STEADY), atol=1e-7)
+    out = run(OHMIC, layer, fx.SelfHeating(heat_capacity=5.0, conductance=2.0, ambient=290.0), current=STEADY)
+    losses = 10.0 * (N * CURVE.voltage(out.soc) - out.voltage)
+    np.testing.assert_allclose(out.temperature[-300:] - 290.0, losses[-300:] / 2.0, rtol=0.01)
+
+
 @BOTH
 def test_the_order_in_which_effects_join_does_not_matter(cell):
     joined = [
