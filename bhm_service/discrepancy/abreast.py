@@ -9,7 +9,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from bhm_service.battery.dynamics import Follower
-from bhm_service.discrepancy.flights import FlightData
+from bhm_service.discrepancy.flights import FlightData, at_skew
 from bhm_service.discrepancy.lab import followed
 from bhm_service.units import Array, Flags, Places
 
@@ -66,6 +66,27 @@ class Abreast:
     def followed_a(self) -> Array:
         """The current as each relaxation of the lab's drop follows it, (relaxations, F, T)."""
         return followed(self.time_s, self.current_a)
+
+    @cached_property
+    def _shifts_a(self) -> Array:
+        """The current at each of `SHIFTS_S` beside its own instant; (shifts, F, T)."""
+        return np.stack([self.padded(rows) for rows in zip(*(f.shifted_a for f in self.flights), strict=True)])
+
+    @cached_property
+    def _shifts_followed_a(self) -> Array:
+        """Each of those as `followed_a`; (relaxations, shifts, F, T)."""
+        return followed(self.time_s, self._shifts_a)
+
+    def current_at(self, skew_s: Array) -> Array:
+        """The current so much later than it was told, one number for all flights (M,); (M, F, T)."""
+        return np.tensordot(at_skew(skew_s), self._shifts_a, axes=1)
+
+    def followed_at(self, skew_s: float) -> tuple[Array, Array]:
+        """The current as each relaxation of the lab's drop follows it, and itself, at one skew."""
+        if skew_s == 0.0:
+            return self.followed_a, self.current_a
+        weights = at_skew(np.array([skew_s]))[0]
+        return np.einsum("s,rsft->rft", weights, self._shifts_followed_a), np.tensordot(weights, self._shifts_a, axes=1)
 
     @cached_property
     def lightness(self) -> Array:

@@ -91,6 +91,7 @@ def _extended(data: FlightData, seconds: float, current: float, before: bool) ->
         data,
         time_s=step * np.arange(float(data.time_s.size + count)),
         current_a=with_(data.current_a, more),
+        shifts_a=None,
         voltage_v=held(data.voltage_v),
         temperature_k=None if data.temperature_k is None else held(data.temperature_k),
         airborne=with_(data.airborne.astype(float), np.zeros(count)) > 0.5,
@@ -108,7 +109,7 @@ def _steps(data: FlightData, _: float) -> FlightData:
     first = int(np.argmax(data.airborne)) + 30
     stop = min(first + pulses.size, current.size)
     current[first:stop] = pulses[: stop - first]
-    return replace(data, current_a=current)
+    return replace(data, current_a=current, shifts_a=None)
 
 
 def _deep(data: FlightData, capacity_c: float) -> FlightData:

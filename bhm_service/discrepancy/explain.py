@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bhm_service.battery.battery_file import BatteryFile, ModelName
+from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.config import Vehicle
 from bhm_service.discrepancy import verdict
 from bhm_service.discrepancy.advice import advice
@@ -72,8 +73,9 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
     progress("which of them stands")
     rng = np.random.default_rng(_SEED)
     second = _witness(request, found, flights)
+    closer = witness(lab, Joint(lab, tuple(request.flights), (), found.base.start_sd), found.candidates)
     unseen = Unseen(found)
-    chosen, p_values, rivals = _significant(unseen, second, rng)
+    chosen, p_values, rivals = _significant(unseen, second, closer, rng)
     chosen, leftover = _outweighed(found, chosen)
     fitted = found.fitted(chosen.names)
     progress("flights that no fit saw")
@@ -142,12 +144,14 @@ def _witness(request: Request, found: Search, flights: tuple[FlightData, ...]) -
 
 
 def _significant(
-    unseen: Unseen, second: Witness | None, rng: np.random.Generator
+    unseen: Unseen, second: Witness | None, closer: Witness, rng: np.random.Generator
 ) -> tuple[Selection, dict[str, float], list[Contest]]:
     """The best set that beats noise, is beaten by no phantom, harms on no unseen flight and has the other model's word.
 
-    With it its members' odds in noise, and its contests with phantoms. Sets are dropped one by one; a catalogue of
-    which the best are all refuted has nothing to say.
+    A skew has to stand on the logs' own samples (``closer``) as well: over averaged ones it is not told from what a
+    cell relaxes within a second, of which the samples themselves show that part comes at once. With the set its
+    members' odds in noise, and its contests with phantoms. Sets are dropped one by one; a catalogue of which the best
+    are all refuted has nothing to say.
     """
     found = unseen.found
     refuted: list[Names] = []
@@ -159,7 +163,7 @@ def _significant(
         if all(p <= _SIGNIFICANT for p in p_values.values()) and not harmful(unseen, chosen.names):
             rivals = contests(found, chosen.names, rng)
             beaten = any(c.nats < -NEAR for c in rivals)
-            if not beaten and (second is None or _witnessed(second.earned(chosen.names))):
+            if not beaten and (second is None or _witnessed(second.earned(chosen.names))) and _timed(closer, chosen):
                 return chosen, p_values, rivals
         refuted.append(chosen.names)
     return NOTHING, {}, []
@@ -168,6 +172,12 @@ def _significant(
 def _witnessed(earned: Mapping[str, float]) -> bool:
     """Whether every member earns something with the other cell model, and what looks like structure all it has to."""
     return all(nats >= (needed(name) if name in STRUCTURAL else NEAR) for name, nats in earned.items())
+
+
+def _timed(closer: Witness, chosen: Selection) -> bool:
+    """Whether no skew is chosen that the logs' own samples do not show."""
+    skew = TimeSkew.id
+    return skew not in chosen.names or closer.earned(chosen.names)[skew] >= needed(skew)
 
 
 def _outweighed(found: Search, chosen: Selection) -> tuple[Selection, Pattern | Recurring | None]:

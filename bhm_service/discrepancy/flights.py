@@ -26,6 +26,8 @@ _SPIKE_SHARE = 0.08  # of the voltage: no load makes a pack jump so far and back
 _LONE, _LONE_SHARE = 25.0, 0.01
 _CELL_V = (2.3, 4.45)
 _CHARGED_V = 3.3  # of a cell that anybody takes off with
+_SHIFT_S = 0.5  # between the instants that a current is kept at beside its own
+SHIFTS_S = _SHIFT_S * np.arange(-7, 8)  # one beyond what a skew may be
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -44,6 +46,17 @@ class FlightData:
     pressure_pa: Array
     reading: float | None = None  # state of charge at the start that a gauge gives, None: taken as full
     notes: Notes = Notes()
+    shifts_a: Array | None = None  # (shifts, T), see `shifted_a`; None: the samples' own tell it
+
+    @property
+    def shifted_a(self) -> Array:
+        """The current as it is `SHIFTS_S` later than each sample; (shifts, T). [A]
+
+        Of means over neighbours nobody can tell it any more: they bring it along.
+        """
+        if self.shifts_a is not None:
+            return self.shifts_a
+        return np.stack([np.interp(self.time_s + s, self.time_s, self.current_a) for s in SHIFTS_S])
 
     @property
     def charge_c(self) -> Array:
@@ -74,6 +87,7 @@ class FlightData:
             self,
             time_s=mean(self.time_s),
             current_a=mean(self.current_a),
+            shifts_a=np.stack([mean(row) for row in self.shifted_a]),
             voltage_v=mean(self.voltage_v),
             temperature_k=None if self.temperature_k is None else mean(self.temperature_k),
             airborne=blocks(self.airborne.astype(float)).mean(axis=1) >= 0.5,
@@ -92,7 +106,24 @@ class FlightData:
             )
         }  # fmt: skip
         kelvin = None if self.temperature_k is None else self.temperature_k[where]
-        return replace(self, temperature_k=kelvin, **cut)
+        shifts = None if self.shifts_a is None else self.shifts_a[:, where]
+        return replace(self, temperature_k=kelvin, shifts_a=shifts, **cut)
+
+
+def at_skew(skew_s: Array) -> Array:
+    """Weights of a current at each of `SHIFTS_S` for the current so much later (M,); (M, shifts).
+
+    A cubic through four neighbours [Catmull and Rom 1974]: its slope at no skew is the same from both sides.
+    """
+    place = np.clip((skew_s - SHIFTS_S[0]) / _SHIFT_S, 1.0, SHIFTS_S.size - 2.0)
+    first = np.minimum(place.astype(np.intp), SHIFTS_S.size - 3)
+    u = place - first
+    near = [-0.5 * u + u**2 - 0.5 * u**3, 1.0 - 2.5 * u**2 + 1.5 * u**3, 0.5 * u + 2.0 * u**2 - 1.5 * u**3,
+            -0.5 * u**2 + 0.5 * u**3]  # fmt: skip
+    found = np.zeros((skew_s.size, SHIFTS_S.size))
+    for k, weight in enumerate(near):
+        found[np.arange(skew_s.size), first - 1 + k] = weight
+    return found
 
 
 @dataclass(frozen=True, slots=True)

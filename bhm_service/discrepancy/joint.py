@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from bhm_service.battery.effects.base import Effect
+from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.battery.pack import PackModel, Simulation
 from bhm_service.discrepancy.abreast import Abreast, abreast
 from bhm_service.discrepancy.candidate import Candidate
@@ -34,6 +35,7 @@ _PACKS_SD = 0.1  # of the logarithm: packs of one kind that nobody identified, f
 # flight, over the state of charge, in how it grows with the load, and in how fast it follows it. A second effect has
 # to beat that.
 _FORM_FLIGHT_SD, _FORM_SOC_SD, _FORM_LOAD_SD, _FORM_LAG_SD = 0.08, 0.12, 0.3, 0.2
+_NO_LAG_SD = 1e-4  # of a skew: to change how fast that follows the load is to take it back
 _FORM_MEAN_SD = 0.02  # of all flights, and of all charges: what is off alike everywhere is the member's own size
 _FORM_SOC = np.array([0.15, 0.4, 0.65, 0.95])
 _FORM_LAG_S = (1.0, 10.0, 60.0)
@@ -100,8 +102,9 @@ class Joint:
         return slice(self.places[names[0]].start, self.places[names[-1]].stop)
 
     def _form_blocks(self, name: str) -> list[Block]:
+        lag_sd = _NO_LAG_SD if name == TimeSkew.id else _FORM_LAG_SD
         sizes = {"flight": (len(self.flights), _FORM_FLIGHT_SD), "soc": (_FORM_SOC.size, _FORM_SOC_SD),
-                 "load": (1, _FORM_LOAD_SD), "lag": (len(_FORM_LAG_S), _FORM_LAG_SD)}  # fmt: skip
+                 "load": (1, _FORM_LOAD_SD), "lag": (len(_FORM_LAG_S), lag_sd)}  # fmt: skip
         return [_about_zero(own, *sizes[kind]) for kind, own in zip(sizes, _form_names(name), strict=True)]
 
     def _start_sd(self, flight: FlightData) -> float:
@@ -186,11 +189,26 @@ class Joint:
         lab = {b.name: values[b.name][:, :, None] for b in self.lab.blocks()}
         members = [e for c in self.members for e in c.effects(values, flights)]
         effects = [*self.lab.effects, LabError(lab, packs), *members]
+        # A skew is of the current that the pack is run with: see `_skew_s`.
+        effects = [e for e in effects if not isinstance(e, TimeSkew)]
         return PackModel(self.lab.cell, self.lab.series, self.lab.parallel, effects)
+
+    def _skew_s(self, x: Array) -> Array:
+        """How much later the voltage is read than the current, for vectors (M, n); (M,).
+
+        A recording tells what flowed before and after each sample, so the whole pack is run with the current of the
+        instant at which the voltage was read. What an effect's own states can do, step by step, is a relaxation of the
+        ohmic drop: nothing tells that from what a cell relaxes within a second.
+        """
+        told = [x[:, self.places[u.name]][:, 0] for c in self.members for u in c.unknowns if u.effect == TimeSkew.id]
+        known = sum(float(np.ravel(e.skew)[0]) for e in self.lab.effects if isinstance(e, TimeSkew))
+        return np.asarray(sum(told, start=np.full(x.shape[0], known)))
 
     def _simulated(self, x: Array, group: Abreast, pack: PackModel) -> Simulation:
         start = x[:, self.places[_STARTS]][:, group.places, None]
-        return pack.simulate(group.time_s, group.current_a, start, group.temperature_k)
+        skew_s = self._skew_s(x)
+        current_a = group.current_at(skew_s) if skew_s.any() else group.current_a
+        return pack.simulate(group.time_s, current_a, start, group.temperature_k)
 
     def temperature(self, x: Array, flight: int) -> Array:
         """Temperature of the pack [K] along one flight for vectors (M, n): measured, or as the members have it."""
@@ -253,13 +271,16 @@ class Joint:
 
     def _beside(self, points: Array, group: Abreast, soc: Array) -> Array:
         """What the lab's errors that only add do add to the voltage (1 or M, F, T)."""
-        sizes = points[:, self._lab_adding]
-        rows = sizes[:1] if (sizes == sizes[0]).all() else sizes
-        return np.stack([self.lab.beside(own, group.followed_a, group.current_a, soc) for own in rows])
+        told = np.column_stack([self._skew_s(points), points[:, self._lab_adding]])
+        if (told == told[0]).all():
+            return self.lab.beside(told[0, 1:], *group.followed_at(float(told[0, 0])), soc)[None]
+        rows, of = np.unique(told, axis=0, return_inverse=True)
+        own = np.stack([self.lab.beside(row[1:], *group.followed_at(float(row[0])), soc) for row in rows])
+        return np.asarray(own[np.ravel(of)])
 
-    def _added(self, run: _Run, group: Abreast) -> Array:
+    def _added(self, run: _Run, group: Abreast, skew_s: float) -> Array:
         """What one of each number of `_additions` adds to the voltage; (numbers, F, T)."""
-        lab = self.lab.added(group.followed_a, group.current_a, run.soc)
+        lab = self.lab.added(*group.followed_at(skew_s), run.soc)
         if not self.members:
             return lab
         forms = np.swapaxes(_form_shapes(run.members, group, run.soc), 0, 1)
@@ -346,7 +367,7 @@ class Joint:
         points, steps = self._moved(x, used)
         for group in abreast(self.flights):
             run = self._run(points, group)
-            added = self._added(run, group)
+            added = self._added(run, group, float(self._skew_s(x[None, :])[0]))
             white = self._whitened(added, group, noise)
             parts = zip(group.places.tolist(), group.flights, self._rows(run, group, noise), strict=True)
             for k, (flight, data, rows) in enumerate(parts):

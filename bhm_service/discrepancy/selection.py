@@ -20,7 +20,8 @@ _RIVALRIES = 3  # times that the chosen set's members are held against their mim
 LEAST_V = 0.001  # [V] of a cell: what adds less than this to the voltage changes nothing that anybody flies by
 _STRUCTURAL_V = 0.004  # [V] of a cell: the same for what looks like an error of the model's structure
 _BEYOND = 2.0  # times what the lab leaves open, which bends every curve: less is no other shape
-_LEAST = dict.fromkeys(STRUCTURAL - {"time-skew"}, _STRUCTURAL_V)  # a skew shows at steps only
+_PASSING = frozenset({"time-skew"})  # shows at steps only
+_LEAST = dict.fromkeys(STRUCTURAL - _PASSING, _STRUCTURAL_V)
 MUCH = 0.4  # of the misfit's power: what explains less of it by itself has to earn the more for it
 _OPPOSED = -0.8  # cosine
 _FELT = 0.1  # of what an effect adds at most
@@ -153,12 +154,20 @@ def _shares(found: Search, names: Names) -> list[float]:
     misfit = np.concatenate(found.base.misfits)[known]
     whole = parts.sum(axis=0)
 
-    def explained(part: Array, beside: Array) -> float:
+    def explained(part: Array, left: Array, noise_v2: float) -> float:
         felt = np.abs(part) >= _FELT * np.max(np.abs(part))
-        before, after = (float(np.mean((misfit - v)[felt] ** 2)) for v in (beside, beside + part))
-        return (before - after) / max(before - found.noise.sigma_v**2, 1e-12)
+        before, after = (float(np.mean(v[felt] ** 2)) for v in (left, left - part))
+        return (before - after) / max(before - noise_v2, 1e-12)
 
-    return [explained(whole, np.zeros_like(whole)), *(explained(part, whole - part) for part in parts)]
+    def of(part: Array, left: Array, own: Names) -> float:
+        # What a skew adds is taken back by the next samples: a slow misfit beside it is not its to explain.
+        if own <= _PASSING:
+            return explained(np.diff(part), np.diff(left), 2.0 * power)
+        return explained(part, left, power)
+
+    power = found.noise.sigma_v**2
+    each = zip(found.joint(names).members, parts, strict=True)
+    return [of(whole, misfit, names), *(of(part, misfit - whole + part, frozenset({m.id})) for m, part in each)]
 
 
 def _matters(found: Search, names: Names) -> bool:

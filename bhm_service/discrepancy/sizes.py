@@ -292,7 +292,7 @@ def _rate_capacity(s: Scene) -> str:
 
 def _time_skew(s: Scene) -> str:
     skew = s.value("skew")
-    return f"the voltage is read {abs(skew):.1f} s {'later' if skew > 0.0 else 'earlier'} than the current"
+    return f"the voltage is told {abs(skew):.1f} s {'before' if skew > 0.0 else 'after'} the current that caused it"
 
 
 def _ocv_shape(s: Scene) -> str:

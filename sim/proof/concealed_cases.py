@@ -55,7 +55,7 @@ _TRANSLATED: Mapping[str, Mapping[str, tuple[str, str, Callable[[float], float]]
     "voltage-offset": {"offset": ("offset", "V", _as_it_is)},
     "payload-mass": {"payload": ("payload", "1", _as_it_is)},
     "propulsion-efficiency": {"lost": ("loss", "1", _as_it_is)},
-    "time-skew": {"lag": ("skew", "s", _as_it_is)},
+    "time-skew": {"lag": ("skew", "s", _times(-1.0))},
 }
 """World's effect and size: the catalogue's parameter, its unit, and how one becomes the other."""
 

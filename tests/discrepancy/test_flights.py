@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from discrepancy.tables import columns, write
 
-from bhm_service.discrepancy.flights import read_flights
+from bhm_service.discrepancy.flights import SHIFTS_S, at_skew, read_flights
 from bhm_service.discrepancy.sidecar import Notes
 from bhm_service.errors import BadInputError
 
@@ -139,6 +141,29 @@ def test_a_thinned_flight_has_the_same_course_in_fewer_samples(read):
     np.testing.assert_allclose(thin.voltage_v[10:-10], np.interp(thin.time_s, flight.time_s, flight.voltage_v)[10:-10],
                                atol=0.15)  # fmt: skip
     assert flight.thinned(900) is flight
+
+
+def test_a_thinned_flight_still_knows_the_current_before_and_after_its_samples(read):
+    """To the second, though its own samples are three seconds apart; in a part of it too."""
+    (flight,), _ = read(columns(900.0, amps=8.0))
+    rough = replace(flight, current_a=flight.current_a + np.random.default_rng(1).normal(0.0, 3.0, flight.time_s.size))
+    for skew_s in (-1.0, 0.0, 2.0):
+        weights = at_skew(np.array([skew_s]))[0]
+        moved = np.interp(rough.time_s + skew_s, rough.time_s, rough.current_a)
+        thin = rough.thinned(300)
+        np.testing.assert_allclose(weights @ thin.shifted_a, moved.reshape(300, 3).mean(axis=1), atol=1e-9)
+        part = thin.part(slice(40, 90))
+        np.testing.assert_array_equal(part.shifted_a, thin.shifted_a[:, 40:90])
+
+
+def test_between_the_instants_that_are_kept_a_current_is_interpolated_smoothly():
+    skews = np.linspace(-3.0, 3.0, 601)
+    weights = at_skew(skews)
+    np.testing.assert_allclose(weights.sum(axis=1), 1.0, atol=1e-12)
+    np.testing.assert_allclose(weights @ SHIFTS_S**2, skews**2, atol=1e-9)
+    course = weights @ np.random.default_rng(2).normal(size=SHIFTS_S.size)
+    slope = np.diff(course) / np.diff(skews)
+    assert np.abs(np.diff(slope)).max() < 0.2 * np.ptp(slope)
 
 
 # ---- refused -------------------------------------------------------------------------------------------------------

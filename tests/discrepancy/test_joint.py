@@ -6,19 +6,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from discrepancy.flown import AMBIENT_K, BATTERY, SERIES, base, flown, with_members
+from discrepancy.flown import AMBIENT_K, BATTERY, SERIES, base, catalogue, flown, with_members
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.battery.pack import PackModel
 from bhm_service.discrepancy.confirm import restricted, subset
 from bhm_service.discrepancy.fitting import Fitted
+from bhm_service.discrepancy.joint import Joint
+from bhm_service.discrepancy.lab import lab_of
 from bhm_service.discrepancy.noise import Noise
 
 NOISE = Noise(0.95, 0.7, 0.008)
 FLIGHTS = [flown(number=k, kelvin=AMBIENT_K[k], samples=150) for k in range(2)]
 MEMBERS = [
     {"capacity-fade"}, {"resistance-temperature"}, {"unseen-load", "contact-resistance"}, {"partial-charge"},
-    {"voltage-offset", "hysteresis"},
+    {"voltage-offset", "hysteresis"}, {"time-skew"},
 ]  # fmt: skip
 IDS = ["+".join(sorted(m)) for m in MEMBERS]
 
@@ -49,6 +51,28 @@ def test_a_member_is_its_effect_of_the_catalogue_and_what_it_adds_is_the_differe
     np.testing.assert_allclose(modelled.voltage[0], full, atol=1e-9)
     np.testing.assert_allclose(modelled.members[0], full - bare, atol=1e-9)
     assert np.abs(full - bare).max() > 0.02
+
+
+@pytest.mark.parametrize("skew_s", [-2.0, -0.5, 1.0])
+def test_a_skew_is_the_whole_voltage_of_another_instant_however_the_samples_were_averaged(skew_s):
+    """With all that relaxes in it, not the ohmic drop alone."""
+    cell = replace(BATTERY.cell("circ"), r_sp0=0.003, c_sp=600.0)
+    fast = replace(BATTERY, circ=cell)
+    data = flown(number=1, samples=360, step_s=1.0, rested=False)
+    moved = np.interp(data.time_s + skew_s, data.time_s, data.current_a)
+    run = PackModel(cell, SERIES).simulate(data.time_s, moved, 1.0)
+    late = replace(data, voltage_v=np.ravel(run.voltage)).thinned(120)
+    lab = lab_of(fast, "circ", None, None)
+    joint = Joint(lab, (late,), tuple(catalogue([late], only={"time-skew"})))
+    x = joint.unknowns.start.copy()
+    plain = joint.predicted(x[None, :], 0).voltage[0]
+    x[joint.places["time-skew.skew"]] = skew_s
+    inner = slice(3, -3)
+    off = (late.voltage_v - joint.predicted(x[None, :], 0).voltage[0])[inner]
+    without = (late.voltage_v - plain)[inner]
+    # What relaxes is followed along the averages, which run straight between each other.
+    assert np.sqrt(np.mean(off**2)) < 0.25 * np.sqrt(np.mean(without**2))
+    assert np.abs(without).max() > 0.05
 
 
 @pytest.mark.parametrize("model", ["circ", "chem"])
@@ -125,7 +149,7 @@ UNLIKE = [
 ]
 
 
-@pytest.mark.parametrize("names", [set(), {"capacity-fade", "partial-charge"}, {"resistance-shape"}])
+@pytest.mark.parametrize("names", [set(), {"capacity-fade", "partial-charge"}, {"resistance-shape"}, {"time-skew"}])
 def test_flights_side_by_side_are_as_each_alone(names):
     """Of different lengths and steps, with a temperature and without, rested and not, holes in the second."""
     volts = UNLIKE[1].voltage_v.copy()

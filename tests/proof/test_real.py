@@ -109,7 +109,7 @@ def test_what_is_injected_is_the_equation_of_its_name(data, fault):
     shown = fault.add(plain, size := sum(fault.sizes) / 2.0)
     amps, volts = plain.current_a - shown.current_a, shown.voltage_v - plain.voltage_v
     if fault.effect == "time-skew":
-        later = fault.add(plain, 2.0).voltage_v
+        later = fault.add(plain, -2.0).voltage_v
         at = np.flatnonzero(np.isclose(plain.time_s[2:] - plain.time_s[:-2], 2.0)) + 2
         assert at.size > 4000
         assert later[at] == pytest.approx(plain.voltage_v[at - 2], abs=1e-6)

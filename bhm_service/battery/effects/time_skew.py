@@ -15,10 +15,13 @@ _TAU_S = 1.0  # over which the current's slope is taken
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TimeSkew(Effect):
-    """The ohmic drop is that of I(t + s) = I + (s / tau)(I - lag of I), tau = 1 s."""
+    """The ohmic drop is that of I(t + s) = I + (s / tau)(I - lag of I), tau = 1 s; s < 0 where the voltage lags behind.
+
+    Along whole recordings, where the current of every other instant is known, all of the drop is that of I(t + s).
+    """
 
     id: ClassVar[str] = "time-skew"
-    title: ClassVar[str] = "Voltage is read later or earlier than current"
+    title: ClassVar[str] = "Voltage and current are not of one instant"
     equation: ClassVar[str] = "dV = -R_ohm (s / tau)(I - I_lag), tau dI_lag/dt = I - I_lag"
     source: ClassVar[str] = "filters and sampling of autopilots: 0.1-2 s"
     excited_by: ClassVar[str] = "throttle steps and gusts"
@@ -26,7 +29,7 @@ class TimeSkew(Effect):
     state_names: ClassVar[tuple[str, ...]] = ("lagged_current",)
 
     skew: Value = parameter(
-        "s", "s", -3.0, 3.0, "how much later the voltage is read than the current", absent=0.0, prior=(0.0, 0.5)
+        "s", "s", -3.0, 3.0, "by how much the voltage is ahead of the current", absent=0.0, prior=(0.0, 0.5)
     )
 
     def start(self) -> tuple[Value, ...]:

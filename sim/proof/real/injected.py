@@ -52,9 +52,9 @@ def _contact(r: Recording, milliohm: float) -> Recording:
     return replace(r, voltage_v=r.voltage_v - 1e-3 * milliohm * r.current_a)
 
 
-def _late(r: Recording, seconds: float) -> Recording:
-    """The voltage is told ``seconds`` after it was there."""
-    return replace(r, voltage_v=np.interp(r.time_s - seconds, r.time_s, r.voltage_v))
+def _ahead(r: Recording, seconds: float) -> Recording:
+    """The voltage is told ``seconds`` before the current that caused it; a negative number: after."""
+    return replace(r, voltage_v=np.interp(r.time_s + seconds, r.time_s, r.voltage_v))
 
 
 FAULTS = (
@@ -62,7 +62,7 @@ FAULTS = (
     Fault("current-gain", (), "gain", "1", (0.04, 0.10), _gain),
     Fault("voltage-offset", ("voltage-gain",), "offset", "V", (0.025, 0.060), _offset),
     Fault("contact-resistance", ("resistance-growth",), "resistance", "mohm", (5.0, 15.0), _contact),
-    Fault("time-skew", (), "skew", "s", (0.5, 2.0), _late),
+    Fault("time-skew", (), "skew", "s", (-2.0, -0.5), _ahead),
 )
 
 
