@@ -175,9 +175,14 @@ def _witnessed(earned: Mapping[str, float]) -> bool:
 
 
 def _timed(closer: Witness, chosen: Selection) -> bool:
-    """Whether no skew is chosen that the logs' own samples do not show."""
+    """Whether no skew is chosen that the logs' own samples do not show; half of one is a matter of any filter."""
     skew = TimeSkew.id
-    return skew not in chosen.names or closer.earned(chosen.names)[skew] >= needed(skew)
+    if skew not in chosen.names:
+        return True
+    at = closer.fitted(chosen.names)
+    size = abs(float(at.x[at.joint.places[f"{skew}.skew"]][0]))
+    every = float(np.median(np.concatenate([np.diff(f.time_s) for f in at.joint.flights])))
+    return size > 0.5 * every and closer.earned(chosen.names)[skew] >= needed(skew)
 
 
 def _outweighed(found: Search, chosen: Selection) -> tuple[Selection, Pattern | Recurring | None]:

@@ -21,10 +21,10 @@ from bhm_service.units import Array, Flags, Places
 
 # Of the state of charge at the start: charged full, by a gauge, and of a pack that nobody identified.
 FULL_SD, GAUGE_SD, GENERIC_SD = 0.01, 0.02, 0.08
-# Of a full charge, from one flight to the next: charger and pack are the same, and so is what they are off by. The
-# capacity that NASA's cells gave in one discharge after another differs by 0.24-0.68 % (median of the cells 0.4 %),
-# that of the MaxAmps cell by 0.03-0.11 %.
-_REPEATS_SD = 0.005
+# Of a full charge, from one flight to the next: charger and pack are the same, and so is what they are off by. What the
+# MaxAmps cell gave in one discharge after another differs by 0.03-0.11 %, what NASA's cells gave by 0.24-0.68 %, with
+# what a cell regains in rests between.
+_REPEATS_SD = 0.003
 _REST_SD_V = 0.002  # of a cell, beside what the open-circuit curve is known to
 _STEP = 1e-3  # of finite differences, in standard deviations of what was known before
 _STARTS = "start_soc"

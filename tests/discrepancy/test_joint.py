@@ -101,12 +101,12 @@ def test_derivatives_are_those_of_the_residuals(model, members):
 
 
 @pytest.mark.parametrize("count", [1, 2, 5])
-def test_a_full_charge_is_known_to_a_hundredth_and_from_flight_to_flight_to_half_of_that(count):
+def test_a_full_charge_is_known_to_a_hundredth_and_from_flight_to_flight_to_a_third_of_that(count):
     joint = base([flown(number=k, samples=20) for k in range(count)])
     where, scale = joint.places["start_soc"], joint.scale
     spread = np.linalg.inv(joint.known)[where, where] * np.outer(scale[where], scale[where])
-    common = 0.01**2 - 0.005**2
-    np.testing.assert_allclose(spread, common + 0.005**2 * np.eye(count), rtol=1e-9)
+    common = 0.01**2 - 0.003**2
+    np.testing.assert_allclose(spread, common + 0.003**2 * np.eye(count), rtol=1e-9)
 
 
 def test_a_charge_that_a_gauge_told_says_nothing_of_other_flights():
@@ -115,7 +115,7 @@ def test_a_charge_that_a_gauge_told_says_nothing_of_other_flights():
     where, scale = joint.places["start_soc"], joint.scale
     spread = np.linalg.inv(joint.known)[where, where] * np.outer(scale[where], scale[where])
     np.testing.assert_allclose(spread[1], [0.0, 0.02**2, 0.0], atol=1e-15)
-    assert spread[0, 2] == pytest.approx(0.01**2 - 0.005**2)
+    assert spread[0, 2] == pytest.approx(0.01**2 - 0.003**2)
 
 
 def test_what_belongs_to_a_flight_moves_no_other():

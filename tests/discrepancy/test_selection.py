@@ -141,6 +141,15 @@ def test_a_skew_is_told_from_what_relaxes_within_a_second_by_the_logs_own_sample
     assert not _timed(witness(base(relaxing).lab, base(relaxing), tried), chosen)
 
 
+def test_half_a_sample_is_a_matter_of_filters_and_no_skew():
+    """Of logs that have a sample every three seconds a second is no more than that."""
+    chosen = select(over_averages(told(seconds_late=1.0), SKEW))
+    seldom = [f.thinned(330) for f in told(seconds_late=1.0)]
+    closer = witness(base(seldom).lab, base(seldom), catalogue(seldom, only=SKEW))
+    assert closer.earned(SKEW)["time-skew"] > needed("time-skew")
+    assert not _timed(closer, chosen)
+
+
 def test_a_slow_misfit_does_not_hide_a_skew():
     """It is seen at few steps, at which lost capacity is off by as much: each explains its own."""
     found = over_averages(told(seconds_late=1.0, faded=0.2), SKEW, FADE, SKEW | FADE)
