@@ -1,9 +1,9 @@
 """Which form of a model recordings support: what the paper's models lack joins only where it predicts what no fit saw.
 
 An addition has to lower the error on unseen pieces by a twentieth, and both halves of the recordings must agree on its
-size. Where they do not, it has to lower that error by a quarter if it is over with a piece (by a twentieth from one
-sample to the next if it is over within seconds), and to foretell every recording under load better by the others if it
-may last for longer: what is known only loosely of its size stands in its standard deviations.
+size. Where they do not, it has to lower that error by a quarter if it is over with a piece, and to foretell every
+recording under load better by the others if it may last for longer: what is known only loosely of its size stands in
+its standard deviations. What is over within seconds is judged by the error from one sample to the next alone.
 """
 
 from __future__ import annotations
@@ -49,11 +49,11 @@ def choose(
             what = open_[0]
             candidate = best.with_extras(additions[what](best.extras))
             by_it = unseen(candidate, what + curve)
-            better = by_it.typical < BETTER * error.typical and by_it.possible
-            joins = better and by_it.agreed
+            better = by_it.possible and _better(what, by_it, error)
+            joins = better and (by_it.agreed or _whatever_its_size(what, by_it, error))
             loosely = "" if by_it.agreed and by_it.possible else ", and its size is not told"
-            if not joins and by_it.possible and _without_doubt(what, by_it, error):
-                joins, loosely = True, ", its size loosely told"
+            if joins and not by_it.agreed:
+                loosely = ", its size loosely told"
             elif better and not joins:
                 joins, foreseen = foretells(best, candidate)
                 loosely = f", its size loosely told; {foreseen}" if foreseen else loosely
@@ -103,14 +103,19 @@ def choose(
     return with_an_hour(best, error, [said, *remarks])
 
 
-def _without_doubt(what: str, by_it: Unseen, error: Unseen) -> bool:
-    """Whether what is over with a piece foretells pieces so much better that its size need not be told closely.
+def _better(what: str, by_it: Unseen, error: Unseen) -> bool:
+    """Whether pieces are foretold better; what is over within seconds is judged from one sample to the next.
 
-    What is over within seconds is judged from neighbour to neighbour: everything that lasts hides it.
+    Everything that lasts hides that, or is made up for by it.
     """
     if what == _FAST:
         return by_it.quick < BETTER * error.quick and by_it.typical < error.typical
-    return what == _FULL and by_it.typical < _MUCH_BETTER * error.typical
+    return by_it.typical < BETTER * error.typical
+
+
+def _whatever_its_size(what: str, by_it: Unseen, error: Unseen) -> bool:
+    """Whether what is over with a piece foretells pieces so well that its size need not be told closely."""
+    return what == _FAST or (what == _FULL and by_it.typical < _MUCH_BETTER * error.typical)
 
 
 def _listed(volts: Sequence[float]) -> str:

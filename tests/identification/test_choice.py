@@ -96,14 +96,15 @@ def test_what_is_over_with_a_piece_joins_loosely_told_where_it_lowers_the_error_
     assert any("near full charge" in said and "loosely told" in said for said in remarks)
 
 
+@pytest.mark.parametrize("agreed", [True, False])
 @pytest.mark.parametrize(
-    ("quick_mv", "typical_mv", "joins"), [(0.94, 4.9, True), (0.96, 4.9, False), (0.9, 5.1, False)]
+    ("quick_mv", "typical_mv", "joins"), [(0.94, 4.9, True), (0.96, 3.0, False), (0.9, 5.1, False)]
 )
-def test_what_is_over_within_seconds_is_judged_from_sample_to_sample(monkeypatch, quick_mv, typical_mv, joins):
+def test_what_is_over_within_seconds_is_judged_from_sample_to_sample(monkeypatch, quick_mv, typical_mv, agreed, joins):
     def pieces(problem):
         fast = problem.family.extras.fast
         typical = 1e-3 * (typical_mv if fast else 5.0)
-        return Unseen(typical, typical, 1e-3 * (quick_mv if fast else 1.0), True, not fast)
+        return Unseen(typical, typical, 1e-3 * (quick_mv if fast else 1.0), True, agreed or not fast)
 
     monkeypatch.setattr("bhm_service.identification.choice.unseen_error", pieces)
     monkeypatch.setattr("bhm_service.identification.choice.foretold", lambda _: [0.005, 0.005])
