@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.config import Vehicle
 from bhm_service.discrepancy import verdict
 from bhm_service.discrepancy.advice import advice
+from bhm_service.discrepancy.bent_curve import BentCurve, bent_curve
 from bhm_service.discrepancy.candidate import Candidate, NotExcited, candidates
 from bhm_service.discrepancy.confirm import HeldOut, Unseen, harmful, held_out
 from bhm_service.discrepancy.crossing import Witness, witness
@@ -33,6 +35,8 @@ from bhm_service.discrepancy.significance import familywise
 from bhm_service.discrepancy.words import effect_in_words, left_in_words, moved_of, sentence, values_of
 from bhm_service.errors import BadInputError
 from bhm_service.units import SECONDS_PER_HOUR, Array
+
+Left: TypeAlias = Pattern | Recurring | BentCurve
 
 _FEWEST = 2  # flights
 _SAMPLES = 800  # of a flight that the search looks at: neighbours say the same thing
@@ -76,7 +80,7 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
     closer = witness(lab, Joint(lab, tuple(request.flights), (), found.base.start_sd), found.candidates)
     unseen = Unseen(found)
     chosen, p_values, rivals = _significant(unseen, second, closer, rng)
-    chosen, leftover = _outweighed(found, chosen)
+    chosen, leftover = _outweighed(found, chosen, lab)
     fitted = found.fitted(chosen.names)
     progress("flights that no fit saw")
     proof = held_out(unseen, chosen.names)
@@ -185,7 +189,7 @@ def _timed(closer: Witness, chosen: Selection) -> bool:
     return size > 0.5 * every and closer.earned(chosen.names)[skew] >= needed(skew)
 
 
-def _outweighed(found: Search, chosen: Selection) -> tuple[Selection, Pattern | Recurring | None]:
+def _outweighed(found: Search, chosen: Selection, lab: Lab) -> tuple[Selection, Left | None]:
     """The selection and what it leaves; nothing is selected where what is left tells more than it does.
 
     What by itself explains much of the misfit stays, with an unexplained rest. What looks like a model's structure
@@ -194,7 +198,7 @@ def _outweighed(found: Search, chosen: Selection) -> tuple[Selection, Pattern | 
     # A period is no error of the lab, however small: no model of a cell keeps time.
     left = recurring(found.fitted(chosen.names)) or _pattern(found, chosen.names)
     if not chosen.names:
-        return chosen, left
+        return chosen, left or bent_curve(found.fitted(chosen.names), lab)
     if left is not None and left.nats > found.evidence(chosen.names) and share(found, chosen.names) < MUCH:
         return NOTHING, left
     if chosen.names <= STRUCTURAL:

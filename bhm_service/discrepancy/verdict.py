@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bhm_service.discrepancy.bent_curve import BentCurve
 from bhm_service.discrepancy.decoys import BEATEN
 from bhm_service.discrepancy.explanation import Contest, Course
 from bhm_service.discrepancy.findings import Verdict
@@ -42,9 +43,9 @@ def judge(
     fitted: Fitted,
     courses: Sequence[Course],
     rivals: Sequence[Contest],
-    leftover: Pattern | Recurring | None,
+    leftover: Pattern | Recurring | BentCurve | None,
 ) -> Judged:
-    """The verdict on a selection and on the pattern or period that it leaves."""
+    """The verdict on a selection and on what it leaves: a pattern, a period or a bent curve."""
     before = [slow(c.flight.voltage_v - c.before_v, c.flight) for c in courses]
     after = [slow(c.flight.voltage_v - c.after_v, c.flight) for c in courses]
     floor = found.noise.sigma_v**2 / _SLOW_S

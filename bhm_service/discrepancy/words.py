@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bhm_service.battery.effects import EFFECTS
+from bhm_service.discrepancy.bent_curve import BentCurve
 from bhm_service.discrepancy.explanation import Course
 from bhm_service.discrepancy.findings import Findings, Region
 from bhm_service.discrepancy.fitting import Fitted
@@ -143,10 +144,16 @@ def _range_in_words(name: str, low: float, high: float) -> str:
     return f"{known.title} {ends} {known.unit}".rstrip()
 
 
-def left_in_words(left: Pattern | Recurring) -> str:
+def left_in_words(left: Pattern | Recurring | BentCurve) -> str:
     """What is left, with its units: a description of these flights, bounded to what they saw."""
     if isinstance(left, Recurring):
         return f"what is left comes back every {left.period_s:.0f} s, and nothing that was recorded does"
+    if isinstance(left, BentCurve):
+        way = "above" if left.cell_v > 0.0 else "below"
+        return (
+            f"the resting voltage of a cell is {1e3 * abs(left.cell_v):.0f} mV {way} the lab's at {left.soc:.0%} of "
+            "charge, on all flights: more than a lab is off by"
+        )
     return _pattern_in_words(left)
 
 

@@ -51,6 +51,19 @@ def test_of_equals_that_are_as_common_the_likelier_comes_first(ahead_by, chosen)
     assert select(doctored).names == {chosen}
 
 
+@pytest.mark.parametrize(("deficits", "named"), [((0.01, 0.0, 0.01, 0.0), False), ((0.04, 0.0, 0.03, 0.01), True)])
+def test_a_start_that_is_off_by_what_a_full_charge_is_known_to_is_none_that_anybody_missed(deficits, named):
+    """Whatever it earns."""
+    name = frozenset({"partial-charge"})
+    flights = [flown([EFFECTS["partial-charge"](deficit=d)], seed=5, number=k) for k, d in enumerate(deficits)]
+    found = searching(tuple(flights), name)
+    found.fitted(frozenset())
+    fitted = found.fitted(name)
+    favoured = replace(found, fits={**found.fits, name: replace(fitted, cost=fitted.cost - 80.0)})
+    assert favoured.evidence(name) > 30.0
+    assert (select(favoured).names == name) is named
+
+
 def off_by_its_curve(flights):
     """Flights of a battery whose open-circuit curve is off by up to 25 mV a cell."""
     return [

@@ -1,0 +1,31 @@
+"""An open-circuit curve that the flights bend further than a lab leaves it open: no error of that lab any more."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm
+
+from bhm_service.discrepancy.fitting import Fitted
+from bhm_service.discrepancy.lab import BEND_SOC, Lab
+
+_CHANCE = 1e-3  # over the whole curve, that a lab is off by as much
+_FAR = float(norm.isf(0.5 * _CHANCE / BEND_SOC.size))  # standard deviations
+
+
+@dataclass(frozen=True, slots=True)
+class BentCurve:
+    """Where the curve is furthest from the lab's."""
+
+    soc: float
+    cell_v: float  # [V] above the lab's
+
+
+def bent_curve(fitted: Fitted, lab: Lab) -> BentCurve | None:
+    """The furthest bend of a fit beyond what ``lab``, as it identified the pack, leaves open; None where none is."""
+    if not lab.identified:
+        return None
+    bends = fitted.x[fitted.joint.places["lab_bends"]]
+    at = int(np.argmax(np.abs(bends)))
+    return BentCurve(float(BEND_SOC[at]), float(bends[at])) if abs(bends[at]) > _FAR * lab.bend_sd_v else None

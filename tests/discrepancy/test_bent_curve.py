@@ -1,0 +1,53 @@
+"""A curve that is not the lab's is owned up to where flights bend it further than a lab is off by, and said where."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from battery.cells import CAPACITY_C
+from discrepancy.flown import BATTERY, SERIES, four, searching
+
+from bhm_service.discrepancy.bent_curve import bent_curve
+from bhm_service.discrepancy.explain import _outweighed
+from bhm_service.discrepancy.lab import lab_of
+from bhm_service.discrepancy.selection import NOTHING
+from bhm_service.discrepancy.words import left_in_words
+
+AT, WIDTH = 0.8, 0.03
+LAB = lab_of(BATTERY, "circ", None, None)
+
+
+def bumped(cell_v):
+    """Flights of a pack whose open-circuit curve has a bump that its lab did not see."""
+    flights = [
+        replace(
+            f,
+            voltage_v=f.voltage_v + SERIES * cell_v * np.exp(-0.5 * ((1 - f.charge_c / CAPACITY_C - AT) / WIDTH) ** 2),
+        )
+        for f in four()
+    ]
+    return searching(flights, ["capacity-fade"])
+
+
+@pytest.mark.parametrize("cell_v", [-0.035, 0.035])
+def test_a_bump_that_no_lab_misses_is_owned_up_to_with_its_place_and_size(cell_v):
+    found = bumped(cell_v)
+    chosen, left = _outweighed(found, NOTHING, LAB)
+    assert chosen.names == frozenset()
+    assert left == bent_curve(found.fitted(frozenset()), LAB)
+    assert left.soc == pytest.approx(AT, abs=0.04)
+    assert left.cell_v == pytest.approx(cell_v, rel=0.4)
+    said = left_in_words(left)
+    assert ("above" if cell_v > 0 else "below") in said
+    assert "80 % of charge" in said or "80% of charge" in said
+
+
+@pytest.mark.parametrize("cell_v", [0.0, 0.006])
+def test_what_a_lab_may_be_off_by_is_left_to_it(cell_v):
+    assert bent_curve(bumped(cell_v).fitted(frozenset()), LAB) is None
+
+
+def test_of_a_pack_that_no_lab_has_seen_nothing_is_said():
+    assert bent_curve(bumped(0.035).fitted(frozenset()), replace(LAB, identified=False)) is None
