@@ -26,6 +26,7 @@ from bhm_service.discrepancy.flights import FlightData, LeftOut
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.lab import Lab, lab_of
 from bhm_service.discrepancy.locate import locate, regime_maps, variables
+from bhm_service.discrepancy.onset import first_flight
 from bhm_service.discrepancy.patterns import Pattern, telling
 from bhm_service.discrepancy.recurring import Recurring, recurring
 from bhm_service.discrepancy.repair import flying, patched, repaired, retuned
@@ -325,6 +326,8 @@ def parameters(fitted: Fitted, name: str) -> dict[str, Quantity]:
 def _change_points(fitted: Fitted) -> list[ChangePoint]:
     found = []
     for member in fitted.joint.members:
+        if first := first_flight(member):
+            found.append(ChangePoint(flight=fitted.joint.flights[first].label, time_s=0.0))
         for key, told in member.fixed.items():
             if not key.startswith("intermittent-contact#"):
                 continue

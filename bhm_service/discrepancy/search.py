@@ -11,6 +11,7 @@ from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.fitting import Fitted, ProblemT, fit
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.noise import Noise, estimated
+from bhm_service.discrepancy.onset import begun
 from bhm_service.discrepancy.slopes import Slopes
 from bhm_service.discrepancy.steps import contact_candidate, episodes
 from bhm_service.units import Array
@@ -258,7 +259,8 @@ def search(base: Joint, candidates: Sequence[Candidate], progress: Progress = la
     best = found.fits[found.ranked()[0]]
     steps = episodes(best)
     contacts = [contact_candidate(steps, len(base.flights))] if steps else []
-    everything = (*(_as_spread(found, c) for c in found.candidates), *contacts)
+    largest = frozenset(member.id for member in best.joint.members)
+    everything = (*(_as_spread(found, _begun(found, c, largest)) for c in found.candidates), *contacts)
     noise = saturated_noise(best, everything)
     progress("sets of effects")
     # An effect that is part of the answer is in the fit already; what is still pulled is the model's own error.
@@ -270,6 +272,16 @@ def search(base: Joint, candidates: Sequence[Candidate], progress: Progress = la
         again.fitted(names, found.fits[names])
     _grow(again, depth=_DEPTH, progress=progress)
     return again
+
+
+def _begun(found: Search, candidate: Candidate, largest: Names) -> Candidate:
+    """The candidate from its likeliest flight on, beside the largest effect."""
+    at = found.fitted(largest - {candidate.id})
+
+    def gain(tried: Candidate) -> float:
+        return _linear_gain(at, replace(at.joint, members=(*at.joint.members, tried)), tried)
+
+    return begun(candidate, len(found.base.flights), gain)
 
 
 def _as_spread(found: Search, candidate: Candidate) -> Candidate:

@@ -251,7 +251,9 @@ def _voltage_offset(s: Scene) -> str:
 
 def _contact_resistance(s: Scene) -> str:
     ohm = 1e-3 * s.value("resistance")
-    return f"wires and connectors have {ohms(abs(ohm))} {'more' if ohm > 0.0 else 'less'} than in the lab"
+    first = int(np.argmax(s.each("present") > 0.0))
+    since = f" from flight {flight_name(s.flights[first].label)} on" if first else ""
+    return f"wires and connectors have {ohms(abs(ohm))} {'more' if ohm > 0.0 else 'less'} than in the lab{since}"
 
 
 def _weak_cell(s: Scene) -> str:

@@ -113,7 +113,8 @@ def values_of(fitted: Fitted, effect_id: str) -> dict[str, Value]:
         for key in keys:
             for u in (u for u in member.unknowns if u.effect == key):
                 rows.setdefault(u.declared.name, []).append(values[u.name][0])
-            for name in ("begin", "end"):  # times of an episode; drivers are in the flights' notes
+            # What the flights themselves gave; other drivers are in their notes.
+            for name in ("begin", "end", "present"):
                 if f"{key}.{name}" in member.fixed:
                     rows.setdefault(name, []).append(np.asarray(member.fixed[f"{key}.{name}"], dtype=float))
         found = {name: np.squeeze(np.stack(told)) for name, told in rows.items()}

@@ -32,9 +32,12 @@ class ContactResistance(Effect):
     resistance: Value = parameter(
         "R_w", "mohm", -20.0, 500.0, "beside that of the lab's wiring", scale=1e-3, absent=0.0, prior=(4.0, 4.0)
     )
+    present: Value = parameter(
+        "p", "1", 0.0, 1.0, "whether it is there in this flight", default=1.0, per_flight=True, driver="onset"
+    )
 
     def series_resistance(self, state: tuple[Value, ...], now: Instant) -> Value:
-        return self.resistance
+        return self.resistance * self.present
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -163,7 +163,7 @@ def test_an_effect_says_what_the_search_needs(effect):
         if p.absent is not None:
             assert p.low <= p.absent <= p.high
         if p.driver is not None:
-            assert p.driver in (*effect.drivers, "age")
+            assert p.driver in (*effect.drivers, "age", "onset")
     assert set(effect.shown_by) <= set(EFFECTS)
 
 

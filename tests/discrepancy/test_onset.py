@@ -1,0 +1,63 @@
+"""What is there from some flight on is found with that flight; what was always there, or never, is not given one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from discrepancy.flown import base, catalogue, flown
+
+from bhm_service.battery.effects import EFFECTS
+from bhm_service.discrepancy.explain import _change_points
+from bhm_service.discrepancy.onset import begun, first_flight
+from bhm_service.discrepancy.search import Search, search
+from bhm_service.discrepancy.selection import select
+from bhm_service.discrepancy.sizes import Scene, size
+from bhm_service.discrepancy.words import values_of
+
+CONTACT, OHM = frozenset({"contact-resistance"}), 0.012
+NAMES = {"contact-resistance", "resistance-growth", "capacity-fade", "voltage-offset", "charge-transfer"}
+
+
+def worn(there: Sequence[bool]) -> Search:
+    """A search over flights of which some have a worn connector."""
+    flights = [
+        flown([EFFECTS["contact-resistance"](resistance=OHM)] if is_there else [], seed=5, number=k)
+        for k, is_there in enumerate(there)
+    ]
+    return search(base(flights), catalogue(flights, only=NAMES))
+
+
+@pytest.mark.parametrize(("there", "first"), [((0, 0, 1, 1, 1), 2), ((1, 1, 1, 1), 0)])
+def test_a_connector_is_worn_from_the_flight_on_from_which_it_is(there, first):
+    found = worn(there)
+    assert select(found).names == CONTACT
+    fitted = found.fitted(CONTACT)
+    (member,) = fitted.joint.members
+    assert first_flight(member) == first
+    milliohm = fitted.joint.values(fitted.x[None, :])["contact-resistance.resistance"][0, 0]
+    assert milliohm == pytest.approx(1e3 * OHM, rel=0.15)
+    assert [(c.flight, c.time_s) for c in _change_points(fitted)] == ([(f"{first:02d}.tlog", 0.0)] if first else [])
+    scene = Scene(
+        "contact-resistance", values_of(fitted, "contact-resistance"), fitted.joint.lab, found.base.flights, ()
+    )
+    assert ("from flight 02 on" in size(scene)) is bool(first)
+
+
+@pytest.mark.parametrize(("ahead_by", "first"), [(11.5, 3), (11.0, 0)])
+def test_a_beginning_pays_for_having_been_looked_for(ahead_by, first):
+    """Ten nats, and one of four flights that it might have been."""
+    (contact,) = catalogue([flown()], only=CONTACT)
+
+    def gain(tried):
+        return 50.0 + (ahead_by if first_flight(tried) == 3 else 0.0)
+
+    found = begun(contact, 5, gain)
+    assert first_flight(found) == first
+    assert found.price == pytest.approx(np.log(4.0) if first else 0.0)
+
+
+def test_what_cannot_begin_is_left_as_it_is():
+    (fade,) = catalogue([flown()], only={"capacity-fade"})
+    assert begun(fade, 5, lambda _: 0.0) is fade
