@@ -34,12 +34,17 @@ class Pattern:
     heights: Array
     sd: Array
     nats: float  # of evidence beyond the explanation that it was added to
+    varies_v: float  # [V] of the pack, about its mean: what is the same everywhere is no pattern
 
 
 def telling(fitted: Fitted) -> Pattern | None:
-    """The most telling pattern on top of a fit, if any says enough."""
-    found = patterns(fitted)
-    return found[0] if found and found[0].nats >= _TELLING else None
+    """The most telling pattern on top of a fit, if any says enough.
+
+    What varies by less than the lab's own model is off by is one of that model's errors, whatever it follows.
+    """
+    lab = fitted.joint.lab
+    least_v = lab.series * lab.voltage_error_v if lab.identified else 0.0
+    return next((p for p in patterns(fitted) if p.nats >= _TELLING and p.varies_v > least_v), None)
 
 
 def patterns(fitted: Fitted) -> list[Pattern]:
@@ -61,7 +66,8 @@ def patterns(fitted: Fitted) -> list[Pattern]:
             continue
         for kind, by, sd in kinds:
             heights, spread, nats = _added(fitted, sd * by * shapes)
-            found.append(Pattern(kind, name, knots, sd * heights, sd * spread, nats))
+            varies_v = float(np.std((sd * heights @ shapes * by)[np.isfinite(values)]))
+            found.append(Pattern(kind, name, knots, sd * heights, sd * spread, nats, varies_v))
     return sorted(found, key=lambda p: -p.nats)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from discrepancy.flown import base, four
 
 from bhm_service.discrepancy.fitting import fit
@@ -29,6 +30,16 @@ def test_a_voltage_that_drifts_with_time_is_found_with_its_size_and_unit():
     assert found is not None
     assert found.kind == "voltage"
     assert "mV at" in left_in_words(found)
+
+
+@pytest.mark.parametrize(("error_v", "told"), [(0.003, True), (0.010, False)])
+def test_what_varies_by_less_than_the_lab_is_off_by_is_the_labs(error_v, told):
+    joint = base(flights(lambda f: 0.07 * np.sin(f.since_takeoff_s / 60.0)))
+    drifting = fit(replace(joint, lab=replace(joint.lab, voltage_error_v=error_v)), NOISE)
+    best = patterns(drifting)[0]
+    assert best.nats > 30.0
+    assert 6 * 0.003 < best.varies_v < 6 * 0.010
+    assert (telling(drifting) is not None) is told
 
 
 def test_a_resistance_that_follows_no_driver_is_a_resistance_of_single_flights():
