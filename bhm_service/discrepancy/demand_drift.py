@@ -14,10 +14,10 @@ import numpy as np
 
 from bhm_service.discrepancy.demand_model import Demand
 from bhm_service.discrepancy.demand_search import FLOOR
-from bhm_service.discrepancy.fitting import Fitted, fit
+from bhm_service.discrepancy.fitting import Fitted, fit, one_step
 from bhm_service.discrepancy.lab import hats
 from bhm_service.discrepancy.noise import estimated
-from bhm_service.discrepancy.search import NATS
+from bhm_service.discrepancy.search import NATS, geometry_of
 from bhm_service.units import Array
 
 _KNOTS = 4  # of equally many samples between them
@@ -47,9 +47,5 @@ def _added(fitted: Fitted[Demand], shapes: list[Array]) -> tuple[Array, float]:
     """Sizes and evidence [nats] of shapes (shapes, T of each flight) with a prior of one."""
     # A residual is what was measured less what was modelled: what is added to the model is taken off it.
     slopes = np.concatenate([-fitted.noise.whitened(s) for s in shapes], axis=1).T
-    across = fitted.back(slopes)
-    solved = np.linalg.solve(fitted.known_curvature, across)
-    score = solved.T @ fitted.gradient - slopes.T @ fitted.weighted
-    posterior = slopes.T @ slopes - across.T @ solved + np.eye(score.size)
-    heights = np.linalg.solve(posterior, score)
-    return np.asarray(heights), float(0.5 * score @ heights - 0.5 * np.linalg.slogdet(posterior)[1])
+    found, score = geometry_of(fitted, slopes)
+    return one_step(found.information, score)

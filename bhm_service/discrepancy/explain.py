@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 
@@ -13,13 +12,13 @@ from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.config import Vehicle
 from bhm_service.discrepancy import verdict
 from bhm_service.discrepancy.advice import advice
-from bhm_service.discrepancy.bent_curve import BentCurve, bent_curve
+from bhm_service.discrepancy.bent_curve import bent_curve
 from bhm_service.discrepancy.candidate import Candidate, NotExcited, candidates
 from bhm_service.discrepancy.confirm import HeldOut, Unseen, harmful, held_out
 from bhm_service.discrepancy.crossing import Witness, witness
 from bhm_service.discrepancy.decoys import contests
 from bhm_service.discrepancy.demand_side import demand_side
-from bhm_service.discrepancy.explanation import Contest, Course, Explanation
+from bhm_service.discrepancy.explanation import Contest, Course, Explanation, Left
 from bhm_service.discrepancy.findings import ChangePoint, EffectFound, Findings, Fit, Inferred, Quantity, Region
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.flights import FlightData, LeftOut
@@ -28,7 +27,7 @@ from bhm_service.discrepancy.lab import Lab, lab_of
 from bhm_service.discrepancy.locate import locate, regime_maps, variables
 from bhm_service.discrepancy.onset import first_flight
 from bhm_service.discrepancy.patterns import Pattern, telling
-from bhm_service.discrepancy.recurring import Recurring, recurring
+from bhm_service.discrepancy.recurring import recurring
 from bhm_service.discrepancy.repair import flying, patched, repaired, retuned
 from bhm_service.discrepancy.search import LEAST_SNR, NATS, NEAR, STRUCTURAL, Names, Progress, Search, needed, search
 from bhm_service.discrepancy.selection import MUCH, NOTHING, Selection, select, share
@@ -36,8 +35,6 @@ from bhm_service.discrepancy.significance import familywise
 from bhm_service.discrepancy.words import effect_in_words, left_in_words, moved_of, sentence, values_of
 from bhm_service.errors import BadInputError
 from bhm_service.units import SECONDS_PER_HOUR, Array
-
-Left: TypeAlias = Pattern | Recurring | BentCurve
 
 _FEWEST = 2  # flights
 _SAMPLES = 800  # of a flight that the search looks at: neighbours say the same thing
@@ -105,8 +102,9 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
         battery = patched(request.battery, findings.fit.rmse_before_V / lab.series)
     said, advised = sentence(findings, len(flights), moved_of(fitted)), advice(found, chosen, judged.verdict)
     if leftover is not None:
-        said = f"{said[:-1]}; {left_in_words(leftover)}."
-        advised.append(f"Look for a cause that goes with it: {left_in_words(leftover)}.")
+        described = left_in_words(leftover)
+        said = f"{said[:-1]}; {described}."
+        advised.append(f"Look for a cause that goes with it: {described}.")
     if request.vehicle is not None:
         progress("the power that was asked for")
     over = variables([c.flight for c in courses], [c.soc for c in courses])

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 from bhm_service.battery.battery_file import BatteryFile
+from bhm_service.discrepancy.bent_curve import BentCurve
 from bhm_service.discrepancy.candidate import NotExcited
 from bhm_service.discrepancy.confirm import HeldOut
 from bhm_service.discrepancy.demand_findings import joined_findings
@@ -14,9 +16,14 @@ from bhm_service.discrepancy.findings import Findings
 from bhm_service.discrepancy.flights import FlightData, LeftOut
 from bhm_service.discrepancy.lab import Lab
 from bhm_service.discrepancy.locate import Map
+from bhm_service.discrepancy.patterns import Pattern
+from bhm_service.discrepancy.recurring import Recurring
 from bhm_service.discrepancy.search import Search
 from bhm_service.discrepancy.selection import Selection
 from bhm_service.units import Array
+
+Left: TypeAlias = Pattern | Recurring | BentCurve
+"""What an explanation leaves that no effect of the catalogue has: described, never called physics."""
 
 
 @dataclass(frozen=True, slots=True)

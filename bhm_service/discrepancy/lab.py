@@ -187,7 +187,8 @@ def lab_of(battery: BatteryFile, model: ModelName, series: int | None, capacity_
     parallel = 1.0 if battery.series is not None or capacity_c is None else capacity_c / own
     said = battery.uncertainty
     identified = battery.series is not None
-    ohm = _ohm(cell) + sum(_transfer_ohm(cell, e) for e in battery.effects(model) if isinstance(e, DoubleLayer))
+    layers = [e for e in battery.effects(model) if isinstance(e, DoubleLayer)]
+    ohm = _ohm(cell) + sum(_transfer_ohm(cell, 2.0 * layer.exchange_current) for layer in layers)
     hover_v = ohm * _HOVER_C * own / SECONDS_PER_HOUR
 
     def spread(kind: str, wide: float, known: float) -> float:
@@ -215,14 +216,14 @@ def _ohm(cell: CellModel) -> float:
     if isinstance(cell, Circ):
         return float(np.asarray(cell.r_s + cell.surface_resistance(np.array(0.5), Modifiers())))
     assert isinstance(cell, Chem)
-    one_c = float(np.asarray(cell.capacity_c)) / SECONDS_PER_HOUR
-    kinetic = 2.0 * 0.0257 * (np.arcsinh(one_c / cell.i_p0) + np.arcsinh(one_c / cell.i_n0)) / one_c
-    return float(np.asarray(cell.r_o + kinetic))
+    # At half charge, where x(1 - x) is a quarter, they are half of i_p0 and i_n0.
+    return float(np.asarray(cell.r_o)) + _transfer_ohm(cell, cell.i_p0) + _transfer_ohm(cell, cell.i_n0)
 
 
-def _transfer_ohm(cell: CellModel, layer: DoubleLayer) -> float:
+def _transfer_ohm(cell: CellModel, twice_exchange: Value) -> float:
+    """Of charge transfer at 1C, by twice its exchange current."""
     one_c = float(np.asarray(cell.capacity_c)) / SECONDS_PER_HOUR
-    return float(2.0 * 0.0257 * np.arcsinh(0.5 * one_c / np.asarray(layer.exchange_current)) / one_c)
+    return float(2.0 * 0.0257 * np.arcsinh(one_c / np.asarray(twice_exchange)) / one_c)
 
 
 class LabError(Effect):

@@ -11,13 +11,13 @@ from bhm_service.discrepancy.candidate import Candidate
 
 ONSET = "onset"  # the driver of a number that says whether something is there in a flight
 _FEWEST = 3  # flights
-_NATS = 10.0  # that a beginning has to earn beyond having been there from the first flight, as a member of a set has to
 
 
-def begun(candidate: Candidate, flights: int, gain: Callable[[Candidate], float]) -> Candidate:
+def begun(candidate: Candidate, flights: int, gain: Callable[[Candidate], float], least: float) -> Candidate:
     """The candidate from its likeliest flight on, where it may begin with one and the flights pay for asking which.
 
-    ``gain`` is what a candidate is expected to add to an explanation of the others. [nats]
+    ``gain`` is what a candidate is expected to add to an explanation of the others, ``least`` what a beginning has to
+    earn beyond having been there from the first flight. [nats]
     """
     names = onsets_of(candidate)
     if not names or flights < _FEWEST:
@@ -26,7 +26,7 @@ def begun(candidate: Candidate, flights: int, gain: Callable[[Candidate], float]
     later = [_from(candidate, names, first, flights, price) for first in range(1, flights)]
     gains = [gain(c) for c in later]
     best = int(np.argmax(gains))
-    return later[best] if gains[best] - price > gain(candidate) + _NATS else candidate
+    return later[best] if gains[best] - price > gain(candidate) + least else candidate
 
 
 def onsets_of(candidate: Candidate) -> list[str]:

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from bhm_service.discrepancy.fitting import Fitted, weights
+from bhm_service.discrepancy.fitting import Fitted, one_step, weights
 from bhm_service.discrepancy.lab import hats
 from bhm_service.discrepancy.locate import variables
 from bhm_service.units import Array
@@ -88,10 +88,8 @@ def _added(fitted: Fitted, shapes: Array) -> tuple[Array, Array, float]:
     # A fit that stopped a little before its end, or at a bound, must not look like a pattern.
     score -= across @ np.linalg.solve(fitted.curvature, fitted.gradient)
     information = own - across @ np.linalg.solve(fitted.curvature, across.T)
-    posterior = information + np.eye(size)
-    heights = np.linalg.solve(posterior, score)
-    nats = 0.5 * float(score @ heights) - 0.5 * float(np.linalg.slogdet(posterior)[1])
-    return np.asarray(heights), np.sqrt(np.diag(np.linalg.inv(posterior))).astype(float), nats
+    heights, nats = one_step(information, score)
+    return heights, np.sqrt(np.diag(np.linalg.inv(information + np.eye(size)))).astype(float), nats
 
 
 def _shapes(values: Array) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bhm_service.discrepancy.candidate import Candidate
-from bhm_service.discrepancy.fitting import Fitted, ProblemT, fit
+from bhm_service.discrepancy.fitting import Fitted, ProblemT, fit, one_step
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.noise import Noise, estimated
 from bhm_service.discrepancy.onset import begun
@@ -183,10 +183,8 @@ def _linear_gain(at: Fitted, joint: Joint, candidate: Candidate) -> float:
     if float(np.max(np.diag(found.information))) < _FLAT:
         # What begins with no slope is known by what it does at its usual size.
         found, score = geometry_of(at, _usual(at, joint, candidate))
-    posterior = found.information + np.eye(score.size)
     # Effects at their typical size, not at none: the pull of the prior is left out of the expectation.
-    gain = 0.5 * score @ np.linalg.solve(posterior, score)
-    return float(gain - 0.5 * np.linalg.slogdet(posterior)[1])
+    return one_step(found.information, score)[1]
 
 
 def expected_snr(at: Fitted, joint: Joint, candidate: Candidate) -> float:
@@ -281,7 +279,7 @@ def _begun(found: Search, candidate: Candidate, largest: Names) -> Candidate:
     def gain(tried: Candidate) -> float:
         return _linear_gain(at, replace(at.joint, members=(*at.joint.members, tried)), tried)
 
-    return begun(candidate, len(found.base.flights), gain)
+    return begun(candidate, len(found.base.flights), gain, NATS)
 
 
 def _as_spread(found: Search, candidate: Candidate) -> Candidate:

@@ -7,14 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bhm_service.discrepancy.bent_curve import BentCurve
 from bhm_service.discrepancy.decoys import BEATEN
-from bhm_service.discrepancy.explanation import Contest, Course
+from bhm_service.discrepancy.explanation import Contest, Course, Left
 from bhm_service.discrepancy.findings import Verdict
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.flights import FlightData
-from bhm_service.discrepancy.patterns import Pattern
-from bhm_service.discrepancy.recurring import Recurring
 from bhm_service.discrepancy.search import LEAST_SNR, Search
 from bhm_service.discrepancy.selection import LEAST_V, Selection
 from bhm_service.units import Array
@@ -43,7 +40,7 @@ def judge(
     fitted: Fitted,
     courses: Sequence[Course],
     rivals: Sequence[Contest],
-    leftover: Pattern | Recurring | BentCurve | None,
+    leftover: Left | None,
 ) -> Judged:
     """The verdict on a selection and on what it leaves: a pattern, a period or a bent curve."""
     before = [slow(c.flight.voltage_v - c.before_v, c.flight) for c in courses]

@@ -9,7 +9,7 @@ import numpy as np
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.bent_curve import BentCurve
-from bhm_service.discrepancy.explanation import Course
+from bhm_service.discrepancy.explanation import Course, Left
 from bhm_service.discrepancy.findings import Findings, Region
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.flights import FlightData
@@ -145,7 +145,7 @@ def _range_in_words(name: str, low: float, high: float) -> str:
     return f"{known.title} {ends} {known.unit}".rstrip()
 
 
-def left_in_words(left: Pattern | Recurring | BentCurve) -> str:
+def left_in_words(left: Left) -> str:
     """What is left, with its units: a description of these flights, bounded to what they saw."""
     if isinstance(left, Recurring):
         return f"what is left comes back every {left.period_s:.0f} s, and nothing that was recorded does"

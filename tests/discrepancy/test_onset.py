@@ -53,11 +53,11 @@ def test_a_beginning_pays_for_having_been_looked_for(ahead_by, first):
     def gain(tried):
         return 50.0 + (ahead_by if first_flight(tried) == 3 else 0.0)
 
-    found = begun(contact, 5, gain)
+    found = begun(contact, 5, gain, 10.0)
     assert first_flight(found) == first
     assert found.price == pytest.approx(np.log(4.0) if first else 0.0)
 
 
 def test_what_cannot_begin_is_left_as_it_is():
     (fade,) = catalogue([flown()], only={"capacity-fade"})
-    assert begun(fade, 5, lambda _: 0.0) is fade
+    assert begun(fade, 5, lambda _: 0.0, 10.0) is fade
