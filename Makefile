@@ -29,11 +29,12 @@ proofs: $(VENV)/.ready-dev
 	$(BIN)/pytest tests -m long -n 2 -o addopts="-q --import-mode=importlib --ignore=tests/benchmarks"
 
 # The whole proof on an exam seed that is drawn now; exit status 1 where a target is missed. The score card goes into
-# the README, misses included. ANSWERER=oracle and the like examine the examination.
+# the README, misses included. ANSWERER=oracle and the like examine the examination; KEEP=--keep keeps the cases.
 ANSWERER ?= tool
+KEEP ?=
 PROOF := $(VENV)/proof/$(shell date -u +%Y%m%d-%H%M%S)
-prove: $(VENV)/.ready-truth proofs
-	$(BIN)/bhm prove --suite exam --suite truth --suite real --jobs 2 --answerer $(ANSWERER) -o $(PROOF); \
+prove: $(VENV)/.ready-truth
+	$(BIN)/bhm prove --suite exam --suite truth --suite real --jobs 2 --answerer $(ANSWERER) $(KEEP) -o $(PROOF); \
 	status=$$?; \
 	if [ $(ANSWERER) = tool ] && [ -f $(PROOF)/score.json ]; then $(BIN)/python -m sim.proof.readme $(PROOF) README.md; fi; \
 	exit $$status

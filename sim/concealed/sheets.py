@@ -12,6 +12,7 @@ Size: TypeAlias = Literal["small", "medium", "large"]
 Kind: TypeAlias = Literal["null", "single", "pair", "triple", "outside", "ambiguous", "decoy"]
 Noise: TypeAlias = Literal["plain", "heavy-tails", "other-colour", "wrong-ocv", "logging-faults"]
 World: TypeAlias = Literal["ladder", "porous"]
+_OF_PACK = ("pack", "porous", "lab")  # purposes: what two cases of one pack share
 SIZES: tuple[Size, ...] = ("small", "medium", "large")
 NOISES: tuple[Noise, ...] = ("plain", "heavy-tails", "other-colour", "wrong-ocv", "logging-faults")
 
@@ -43,6 +44,7 @@ class CaseSheet:
     flights: int = 6
     kept_back: int | None = None  # a flight that the tool will not be shown: it counts for no SNR
     world: World = "ladder"
+    pack: int | None = None  # which pack of the suite flies, and with it its bench; None: one of its own
 
     @property
     def name(self) -> str:
@@ -52,4 +54,5 @@ class CaseSheet:
     def generator(self, purpose: str) -> np.random.Generator:
         """Random numbers for one purpose: a change in one does not move the others."""
         words = [zlib.crc32(text.encode()) for text in (self.suite, purpose)]
-        return np.random.default_rng([self.seed, self.index, *words])
+        number = self.pack if self.pack is not None and purpose in _OF_PACK else self.index
+        return np.random.default_rng([self.seed, number, *words])

@@ -32,7 +32,7 @@ from sim.proof.suites import SHARED, checked_seed, exam_seed, suite
 
 OUTCOMES, ENDED = "outcomes.json", "ended.json"
 _MOST_TOLD = 40  # cases of a suite that are fitted again with their effects told
-_MOST_FLOWN_ON = 40  # cases of a suite whose flying time is examined: each is four replays of a flight
+_MOST_FLOWN_ON = 16  # cases of a suite whose flying time is examined: each is 40 s of replay
 _ROOT = Path(__file__).resolve().parents[2]
 _ENTROPY_BITS = 48
 

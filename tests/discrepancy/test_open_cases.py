@@ -16,7 +16,7 @@ CASES = Path(__file__).resolve().parents[3] / "shared" / "cases"
 # Two packs: the lab's recordings are the same in all cases of one (the README there says which).
 PACKS = {"null": "kokam12", "fade": "nca16"}
 AT_ONCE = ("null", "fade", "connector")
-LONG = ("cold-seen", "cold-hidden", "partial-charge", "unseen-load", "contact-and-cold")  # in `make prove`
+LONG = ("cold-seen", "cold-hidden", "partial-charge", "unseen-load", "contact-and-cold")  # in `make proofs`
 NAMES = [*AT_ONCE, *(pytest.param(name, marks=pytest.mark.long) for name in LONG)]
 pytestmark = pytest.mark.skipif(not CASES.is_dir(), reason="../shared/cases is absent")
 

@@ -1,4 +1,4 @@
-"""One flight of the soak, so that it stays fit for the day of them that `make prove` flies."""
+"""One flight of the soak, so that it stays fit for the day of them that `make proofs` flies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cells drawn at random come back from their recordings as well as is stated; `make prove` draws 200 of each model."""
+"""Cells drawn at random come back from their recordings as well as is stated; `make proofs` draws 200 of each model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The byte path under a million mutated frames and pieces of logs (`make prove`)."""
+"""The byte path under a million mutated frames and pieces of logs (`make proofs`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The service is killed fifty times in one flight, beside one that is not (`make prove`)."""
+"""The service is killed fifty times in one flight, beside one that is not (`make proofs`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two hundred cells of each model, drawn at random, come back from their recordings (`make prove`)."""
+"""Two hundred cells of each model, drawn at random, come back from their recordings (`make proofs`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A day beside autopilots that come and go, links that fail and apps that raise (`make prove`)."""
+"""A day beside autopilots that come and go, links that fail and apps that raise (`make proofs`)."""
 
 from __future__ import annotations
 

@@ -169,6 +169,31 @@ def test_an_examination_holds_what_it_must():
     assert {s.temperature_recorded for s in sheets} == {True, False}
 
 
+@pytest.mark.parametrize("suite", ["exam", "truth"])
+def test_two_cases_fly_each_pack_of_an_examination_and_no_two_nulls_do(suite):
+    sheets = draw_suite(suite, 3)
+    assert set(Counter(sheet.pack for sheet in sheets).values()) == {2}
+    nulls = [sheet.pack for sheet in sheets if sheet.kind == "null"]
+    assert len(set(nulls)) == len(nulls)
+
+
+def test_cases_of_one_pack_have_its_bench_and_their_own_air(tmp_path):
+    first, second, other = (
+        CaseSheet(suite="try", seed=4, index=index, kind="null", flights=1, pack=pack)
+        for index, pack in ((0, 7), (1, 7), (2, 8))
+    )
+    for sheet in (first, second, other):
+        generate(sheet, tmp_path / sheet.name)
+
+    def written(sheet: CaseSheet, name: str) -> bytes:
+        return (tmp_path / sheet.name / name).read_bytes()
+
+    for name in ("slow", "one_c", "variable"):
+        assert written(first, f"lab/{name}.csv.gz") == written(second, f"lab/{name}.csv.gz")
+    assert written(first, "lab/slow.csv.gz") != written(other, "lab/slow.csv.gz")
+    assert written(first, "flights/00.tlog") != written(second, "flights/00.tlog")
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_the_beginning_of_a_suite_has_effects_of_every_size(seed):
     singles = [sheet for sheet in draw_suite("exam", seed, 60) if sheet.kind == "single"]
