@@ -77,7 +77,7 @@ def prove(request: Request, said: Callable[[str], None], progress: Progress) -> 
     exam = request.seed is None
     seed = exam_seed(secrets.randbits(_ENTROPY_BITS)) if request.seed is None else checked_seed(request.seed, exam)
     chosen = [suite(name) for name in dict.fromkeys(request.suites)]
-    folder = _fresh(request.output)
+    folder = _fresh(request.output.resolve())  # the tool runs in a folder of its own
     held = folder / "held"
     held.mkdir(mode=0o700)
     kept_in = confinement([SHARED, held])
