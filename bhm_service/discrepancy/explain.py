@@ -14,6 +14,7 @@ from bhm_service.discrepancy import verdict
 from bhm_service.discrepancy.advice import advice
 from bhm_service.discrepancy.bent_curve import bent_curve
 from bhm_service.discrepancy.candidate import Candidate, NotExcited, candidates
+from bhm_service.discrepancy.changed_lag import ChangedLag, changed_lag
 from bhm_service.discrepancy.confirm import HeldOut, Unseen, harmful, held_out
 from bhm_service.discrepancy.crossing import Witness, witness
 from bhm_service.discrepancy.decoys import contests
@@ -78,7 +79,7 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
     closer = witness(lab, Joint(lab, tuple(request.flights), (), found.base.start_sd), found.candidates)
     unseen = Unseen(found)
     chosen, p_values, rivals = _significant(unseen, second, closer, rng)
-    chosen, leftover = _outweighed(found, chosen, lab)
+    chosen, leftover = _outweighed(found, chosen, lab, request.flights)
     fitted = found.fitted(chosen.names)
     progress("flights that no fit saw")
     proof = held_out(unseen, chosen.names)
@@ -124,7 +125,7 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
         flying=flying(fitted.joint, fitted),
         sentence=said,
         in_words=[effect_in_words(e.id, values_of(fitted, e.id), lab, flights, courses) for e in findings.effects],
-        findings=findings.model_copy(update={"advice": advised}),
+        findings=findings.model_copy(update={"advice": advised, "change_points": _change_points(fitted, leftover)}),
         demand=demand_side(request.vehicle, request.flights),
     )
 
@@ -188,16 +189,19 @@ def _timed(closer: Witness, chosen: Selection) -> bool:
     return size > 0.5 * every and closer.earned(chosen.names)[skew] >= needed(skew)
 
 
-def _outweighed(found: Search, chosen: Selection, lab: Lab) -> tuple[Selection, Left | None]:
+def _outweighed(
+    found: Search, chosen: Selection, lab: Lab, logs: Sequence[FlightData]
+) -> tuple[Selection, Left | None]:
     """The selection and what it leaves; nothing is selected where what is left tells more than it does.
 
-    What by itself explains much of the misfit stays, with an unexplained rest. What looks like a model's structure
-    is no physics of this pack where something without a name does as well.
+    What by itself explains much of the misfit stays, with an unexplained rest. What looks like a model's structure is
+    no physics of this pack where something without a name does as well. ``logs`` are the flights at their own rate.
     """
-    # A period is no error of the lab, however small: no model of a cell keeps time.
-    left = recurring(found.fitted(chosen.names)) or _pattern(found, chosen.names)
+    fitted = found.fitted(chosen.names)
+    # Neither is an error of the lab, however small: no model of a cell keeps time, or changes within a second.
+    left = recurring(fitted) or changed_lag(fitted, logs) or _pattern(found, chosen.names)
     if not chosen.names:
-        return chosen, left or bent_curve(found.fitted(chosen.names), lab)
+        return chosen, left or bent_curve(fitted, lab)
     if left is not None and left.nats > found.evidence(chosen.names) and share(found, chosen.names) < MUCH:
         return NOTHING, left
     if chosen.names <= STRUCTURAL:
@@ -281,7 +285,7 @@ def _findings(
             )
             for r in regions
         ],
-        change_points=_change_points(fitted),
+        change_points=[],
         inferred=[
             Inferred(flight=c.flight.label, file=f"hidden/{c.flight.label}.csv", states=sorted(c.hidden))
             for c in courses
@@ -321,8 +325,10 @@ def parameters(fitted: Fitted, name: str) -> dict[str, Quantity]:
     return found
 
 
-def _change_points(fitted: Fitted) -> list[ChangePoint]:
+def _change_points(fitted: Fitted, leftover: Left | None) -> list[ChangePoint]:
     found = []
+    if isinstance(leftover, ChangedLag):
+        found.append(ChangePoint(flight=leftover.flight, time_s=0.0))
     for member in fitted.joint.members:
         if first := first_flight(member):
             found.append(ChangePoint(flight=fitted.joint.flights[first].label, time_s=0.0))

@@ -9,6 +9,7 @@ from typing import TypeAlias
 from bhm_service.battery.battery_file import BatteryFile
 from bhm_service.discrepancy.bent_curve import BentCurve
 from bhm_service.discrepancy.candidate import NotExcited
+from bhm_service.discrepancy.changed_lag import ChangedLag
 from bhm_service.discrepancy.confirm import HeldOut
 from bhm_service.discrepancy.demand_findings import joined_findings
 from bhm_service.discrepancy.demand_side import DemandSide, NotLooked
@@ -22,7 +23,7 @@ from bhm_service.discrepancy.search import Search
 from bhm_service.discrepancy.selection import Selection
 from bhm_service.units import Array
 
-Left: TypeAlias = Pattern | Recurring | BentCurve
+Left: TypeAlias = Pattern | Recurring | ChangedLag | BentCurve
 """What an explanation leaves that no effect of the catalogue has: described, never called physics."""
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.bent_curve import BentCurve
+from bhm_service.discrepancy.changed_lag import ChangedLag
 from bhm_service.discrepancy.explanation import Course, Left
 from bhm_service.discrepancy.findings import Findings, Region
 from bhm_service.discrepancy.fitting import Fitted
@@ -149,6 +150,9 @@ def left_in_words(left: Left) -> str:
     """What is left, with its units: a description of these flights, bounded to what they saw."""
     if isinstance(left, Recurring):
         return f"what is left comes back every {left.period_s:.0f} s, and nothing that was recorded does"
+    if isinstance(left, ChangedLag):
+        way = "later" if left.change > 0.0 else "sooner"
+        return f"from {left.flight} on the voltage follows the load {way} than before, as through another filter"
     if isinstance(left, BentCurve):
         way = "above" if left.cell_v > 0.0 else "below"
         return (

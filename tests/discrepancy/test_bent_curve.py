@@ -34,7 +34,7 @@ def bumped(cell_v):
 @pytest.mark.parametrize("cell_v", [-0.035, 0.035])
 def test_a_bump_that_no_lab_misses_is_owned_up_to_with_its_place_and_size(cell_v):
     found = bumped(cell_v)
-    chosen, left = _outweighed(found, NOTHING, LAB)
+    chosen, left = _outweighed(found, NOTHING, LAB, found.base.flights)
     assert chosen.names == frozenset()
     assert left == bent_curve(found.fitted(frozenset()), LAB)
     assert left.soc == pytest.approx(AT, abs=0.04)
