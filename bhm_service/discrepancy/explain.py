@@ -102,6 +102,9 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
     elif judged.verdict == "unknown":
         battery = patched(request.battery, findings.fit.rmse_before_V / lab.series)
     said, advised = sentence(findings, len(flights), moved_of(fitted)), advice(found, chosen, judged.verdict)
+    changes = findings.change_points
+    if isinstance(leftover, ChangedLag):
+        changes = [ChangePoint(flight=leftover.flight, time_s=0.0), *changes]
     if leftover is not None:
         described = left_in_words(leftover)
         said = f"{said[:-1]}; {described}."
@@ -125,7 +128,7 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
         flying=flying(fitted.joint, fitted),
         sentence=said,
         in_words=[effect_in_words(e.id, values_of(fitted, e.id), lab, flights, courses) for e in findings.effects],
-        findings=findings.model_copy(update={"advice": advised, "change_points": _change_points(fitted, leftover)}),
+        findings=findings.model_copy(update={"advice": advised, "change_points": changes}),
         demand=demand_side(request.vehicle, request.flights),
     )
 
@@ -285,7 +288,7 @@ def _findings(
             )
             for r in regions
         ],
-        change_points=[],
+        change_points=_change_points(fitted),
         inferred=[
             Inferred(flight=c.flight.label, file=f"hidden/{c.flight.label}.csv", states=sorted(c.hidden))
             for c in courses
@@ -325,10 +328,8 @@ def parameters(fitted: Fitted, name: str) -> dict[str, Quantity]:
     return found
 
 
-def _change_points(fitted: Fitted, leftover: Left | None) -> list[ChangePoint]:
+def _change_points(fitted: Fitted) -> list[ChangePoint]:
     found = []
-    if isinstance(leftover, ChangedLag):
-        found.append(ChangePoint(flight=leftover.flight, time_s=0.0))
     for member in fitted.joint.members:
         if first := first_flight(member):
             found.append(ChangePoint(flight=fitted.joint.flights[first].label, time_s=0.0))
