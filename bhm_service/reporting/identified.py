@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -127,18 +127,24 @@ def parameters(result: ModelResult) -> list[ParameterRow]:
         rows.append(
             _row(result, declared, getattr(result.cell, declared.name), _CAPACITY if follows else declared.name)
         )
-    for k, joined in enumerate(result.joined):
-        earlier = sum(j.effect.id == joined.effect.id for j in result.joined[:k])
-        for declared in parameters_of(type(joined.effect)):
-            one_each = _EFFECT_BLOCKS.get((joined.effect.id, declared.name), ())
-            block = one_each[earlier] if earlier < len(one_each) else declared.name
-            rows.append(_row(result, declared, getattr(joined.effect, declared.name), block))
+    rows += [_row(result, declared, value, block) for _, declared, value, block in _of_effects(result)]
     shown = {p.name for p in parameters_of(type(result.cell))} | {_CAPACITY, *Extras.names}
     for scale in result.solution.problem.unknowns.blocks:
         if scale.log and scale.size == 1 and scale.name not in shown:
             declared = Parameter(scale.name, scale.name, "1", 0.0, np.inf, "times that of the known cell")
             rows.append(_row(result, declared, float(result.solution.values[scale.name][0, 0]), scale.name))
     return rows
+
+
+def _of_effects(result: ModelResult) -> Iterator[tuple[str, Parameter, Value, str]]:
+    """The numbers of the effects that joined: whose, which, how large, and the block of the fit that each was."""
+    for k, joined in enumerate(result.joined):
+        earlier = sum(j.effect.id == joined.effect.id for j in result.joined[:k])
+        for declared in parameters_of(type(joined.effect)):
+            one_each = _EFFECT_BLOCKS.get((joined.effect.id, declared.name), ())
+            block = one_each[earlier] if earlier < len(one_each) else declared.name
+            whose = f"the second {joined.effect.id}" if earlier else joined.effect.id
+            yield whose, declared, getattr(joined.effect, declared.name), block
 
 
 def _row(result: ModelResult, declared: Parameter, in_si: Value, block_name: str) -> ParameterRow:
@@ -181,6 +187,7 @@ def _reach(spread: float, log: bool) -> str | None:
 def open_questions(result: ModelResult) -> list[str]:
     """What the recordings leave open of a model."""
     names = {p.name: p.symbol for p in parameters_of(type(result.cell))}
+    names |= {block: f"{declared.symbol} of {whose}" for whose, declared, _, block in _of_effects(result)}
     found = []
     if result.not_told:
         listed = ", ".join(names.get(n, n) for n in result.not_told)

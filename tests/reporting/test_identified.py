@@ -11,9 +11,11 @@ import pytest
 from identification.known import cell_of, one_c, slow, variable
 from rich.console import Console
 
+from bhm_service.battery.battery_file import Joined
+from bhm_service.battery.effects import SlowDiffusion
 from bhm_service.battery.pack import PackModel
 from bhm_service.identification.identify import Request, identify
-from bhm_service.reporting.identified import headline, parameters, quality, resistance
+from bhm_service.reporting.identified import headline, open_questions, parameters, quality, resistance
 from bhm_service.reporting.identified_figure import open_circuit
 from bhm_service.reporting.identified_page import identified_page
 from bhm_service.reporting.identified_terminal import identified_tables
@@ -95,6 +97,14 @@ def test_a_number_that_was_not_told_carries_no_standard_deviation(done):
     row = next(row for row in parameters(untold) if row.cells[0] == "R_s")
     assert not row.told
     assert row.cells[2] == "not told"
+
+
+def test_what_is_left_open_is_told_by_symbols_and_of_which_effect(done):
+    result = done.results[0]
+    pair = Joined(effect=SlowDiffusion(resistance=1e-3, time_constant=100.0), model="circ")
+    left = replace(result, joined=(pair, pair), not_told=("r_s", "slow_time", "slower_resistance"))
+    (told,) = [line for line in open_questions(left) if line.startswith("not told")]
+    assert told.endswith(": R_s, tau_2 of slow-diffusion, R_2 of the second slow-diffusion")
 
 
 def test_step_resistance_stands_beside_the_models_own(done):
