@@ -364,7 +364,9 @@ def generate(sheet: CaseSheet, directory: Path) -> Answer:
     sidecar, decoys = _sidecar(sheet, laid, flown)
     logs = [tlog(recording, f) for f, recording in enumerate(recordings)]
     _write(directory, bench, logs, sidecar)
-    (directory / "vehicle.toml").write_text(vehicle_file(sheet, pack))
+    # The second world's voltages go with currents that the first one's cells asked for: that power is no vehicle's.
+    if porous is None:
+        (directory / "vehicle.toml").write_text(vehicle_file(sheet, pack))
     return Answer(
         case=sheet.name,
         suite=sheet.suite,

@@ -210,3 +210,4 @@ def test_the_second_world_flies_the_same_sheets(tmp_path):
     volts = [m.voltage_v for _, m in log.messages if isinstance(m, BatteryStatus) and m.voltage_v is not None]
     assert answer.world == "porous" and answer.snr > 3.0
     assert 24.0 < volts[0] < 25.5 and 18.0 < min(volts) < 22.5
+    assert not (tmp_path / "vehicle.toml").exists()  # its power is no vehicle's
