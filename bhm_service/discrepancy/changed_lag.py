@@ -14,18 +14,16 @@ import numpy as np
 from scipy.special import stdtr
 
 from bhm_service.battery.dynamics import Follower
-from bhm_service.discrepancy.fitting import Fitted
-from bhm_service.discrepancy.flights import FlightData
+from bhm_service.discrepancy.fitting import Fitted, weights
+from bhm_service.discrepancy.flights import FlightData, usual_step_s
+from bhm_service.discrepancy.slow import SLOW_S, running_mean
 from bhm_service.units import Array, Flags
 
 _CHANCE = 1e-3  # over all flights with which it may have begun
 _FEWEST = 2  # flights to either side: one alone is an odd flight
-_ALIKE = (
-    0.1  # of that, from flight to flight, beside their own errors: by clocks, and by what a model lacks within seconds
-)
 _LAG_S = 1.0  # of the filter by which any is told: one of half as much shows 0.7 of it, one of three times 0.85
+_ALIKE = 0.1  # of that filter: flights of one pack differ by as much beside their own errors, by clocks and by models
 _LEAST = 0.5  # of that filter and of a sample: less is a matter of when within it the sensors are read
-_MEAN_S = 15.0  # what lasts longer is none of a filter's doing
 _SETTLED_S = (20.0, 15.0)  # after take-off and before landing, when the load jumps by more than any model follows
 _FEWEST_SAMPLES = 60
 _OFF = 0.2  # of a change within those seconds: what a model is off by beside noise
@@ -65,8 +63,8 @@ def changed_lag(fitted: Fitted, flights: Sequence[FlightData]) -> ChangedLag | N
     if not found:
         return None
     odds, best = min(found, key=lambda f: f[0])
-    every = float(np.median(np.concatenate([np.diff(f.time_s) for f in flights])))
-    return best if odds * len(found) < _CHANCE and abs(best.change) > _LEAST * max(every / _LAG_S, 1.0) else None
+    least = _LEAST * max(usual_step_s(flights) / _LAG_S, 1.0)
+    return best if odds * len(found) < _CHANCE and abs(best.change) > least else None
 
 
 def _lag(data: FlightData, modelled_v: Array) -> tuple[float, float] | None:
@@ -80,25 +78,22 @@ def _lag(data: FlightData, modelled_v: Array) -> tuple[float, float] | None:
     steps = np.diff(data.time_s)
     follow = Follower(steps, _LAG_S)
     late = follow(modelled_v - modelled_v[0]) + modelled_v[0] - modelled_v
-    width = max(round(_MEAN_S / max(float(np.median(steps)), 1e-3)), 3)
-    kernel = np.ones(width)
-    count = np.convolve(usable.astype(float), kernel, mode="same")
+    width = max(round(SLOW_S / max(float(np.median(steps)), 1e-3)), 3)
 
     def quick(series: Array) -> Array:
-        above = np.convolve(np.where(usable, series, 0.0), kernel, mode="same")
-        return np.asarray((series - above / np.maximum(count, 1.0))[usable])
+        return np.asarray((series - running_mean(series, usable, width))[usable])
 
     off, jumps = quick(data.voltage_v - modelled_v), quick(modelled_v)
     columns = np.column_stack([quick(late), jumps])
     spread = max(1.4826 * float(np.median(np.abs(off))), 1e-6)
     usual = 1.0 / (spread**2 + (_OFF * jumps) ** 2)
-    weights = usual
+    weighed = usual
     for _ in range(_REWEIGHED):
-        inverse = np.linalg.pinv(columns.T @ (columns * weights[:, None]))
-        sizes = inverse @ (columns.T @ (weights * off))
+        inverse = np.linalg.pinv(columns.T @ (columns * weighed[:, None]))
+        sizes = inverse @ (columns.T @ (weighed * off))
         left = off - columns @ sizes
-        weights = usual * np.minimum(1.0, _FAR / np.maximum(np.abs(left) * np.sqrt(usual), 1e-9))
-    scores = columns * (weights * left)[:, None]
+        weighed = usual * weights(left * np.sqrt(usual), _FAR)
+    scores = columns * (weighed * left)[:, None]
     power = scores.T @ scores
     for lag in range(1, _COLOURED + 1):
         across = scores[lag:].T @ scores[:-lag]

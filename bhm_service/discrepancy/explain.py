@@ -22,7 +22,7 @@ from bhm_service.discrepancy.demand_side import demand_side
 from bhm_service.discrepancy.explanation import Contest, Course, Explanation, Left
 from bhm_service.discrepancy.findings import ChangePoint, EffectFound, Findings, Fit, Inferred, Quantity, Region
 from bhm_service.discrepancy.fitting import Fitted
-from bhm_service.discrepancy.flights import FlightData, LeftOut
+from bhm_service.discrepancy.flights import FlightData, LeftOut, usual_step_s
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.lab import Lab, lab_of
 from bhm_service.discrepancy.locate import locate, regime_maps, variables
@@ -188,8 +188,7 @@ def _timed(closer: Witness, chosen: Selection) -> bool:
         return True
     at = closer.fitted(chosen.names)
     size = abs(float(at.x[at.joint.places[f"{skew}.skew"]][0]))
-    every = float(np.median(np.concatenate([np.diff(f.time_s) for f in at.joint.flights])))
-    return size > 0.5 * every and closer.earned(chosen.names)[skew] >= needed(skew)
+    return size > 0.5 * usual_step_s(at.joint.flights) and closer.earned(chosen.names)[skew] >= needed(skew)
 
 
 def _outweighed(

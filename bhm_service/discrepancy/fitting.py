@@ -63,9 +63,9 @@ def bulk(rows: Sequence[Array]) -> float:
     return total
 
 
-def weights(row: Array) -> Array:
-    """Weight of each innovation in the normal equations."""
-    return np.asarray(np.minimum(1.0, _FAR / np.maximum(np.abs(row), 1e-12)))
+def weights(row: Array, far: float = _FAR) -> Array:
+    """Weight of each innovation in the normal equations; from ``far`` standard deviations on it counts by its size."""
+    return np.asarray(np.minimum(1.0, far / np.maximum(np.abs(row), 1e-12)))
 
 
 @dataclass(frozen=True)

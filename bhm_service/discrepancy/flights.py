@@ -110,6 +110,11 @@ class FlightData:
         return replace(self, temperature_k=kelvin, shifts_a=shifts, **cut)
 
 
+def usual_step_s(flights: Sequence[FlightData]) -> float:
+    """Time from one sample to the next, as it is in most places. [s]"""
+    return float(np.median(np.concatenate([np.diff(f.time_s) for f in flights])))
+
+
 def at_skew(skew_s: Array) -> Array:
     """Weights of a current at each of `SHIFTS_S` for the current so much later (M,); (M, shifts).
 

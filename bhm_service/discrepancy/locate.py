@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from bhm_service.discrepancy.flights import FlightData
+from bhm_service.discrepancy.slow import slow
 from bhm_service.units import ZERO_CELSIUS_K, Array, Flags
 
 _BINS = 8
 _LEAST_LIFT = 1.35  # a region holds at least this times the misfit that its samples would
 _LEAST_SHARE = 0.25
 _MOST = 4
-_SMOOTH_S = 15.0  # misfit faster than this is noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +82,7 @@ def locate(
     misfits: Sequence[Array], flights: Sequence[FlightData], soc: Sequence[Array], floor_v: float
 ) -> list[Region]:
     """Boxes that hold most of the misfit beyond ``floor_v`` [V], the most telling first."""
-    smooth = np.concatenate([_smooth(m, f) for m, f in zip(misfits, flights, strict=True)])
+    smooth = np.concatenate([slow(m, f) for m, f in zip(misfits, flights, strict=True)])
     excess = np.maximum(np.nan_to_num(smooth) ** 2 - floor_v**2, 0.0)
     total = float(excess.sum())
     if total <= 0.0:
@@ -154,15 +154,6 @@ def _edges(values: Array) -> Array:
     if distinct.size <= _BINS:
         return np.append(distinct, distinct[-1] + 1.0) if distinct.size > 1 else np.zeros(0)
     return np.unique(np.quantile(known, np.linspace(0.0, 1.0, _BINS + 1)))
-
-
-def _smooth(misfit: Array, data: FlightData) -> Array:
-    width = max(int(_SMOOTH_S / max(float(np.median(np.diff(data.time_s))), 0.1)), 1)
-    known = np.isfinite(misfit)
-    kernel = np.ones(width)
-    above = np.convolve(np.where(known, misfit, 0.0), kernel, mode="same")
-    below = np.convolve(known.astype(float), kernel, mode="same")
-    return np.asarray(above / np.maximum(below, 1.0))
 
 
 def _mean(values: Array) -> float:

@@ -11,14 +11,13 @@ from bhm_service.discrepancy.decoys import BEATEN
 from bhm_service.discrepancy.explanation import Contest, Course, Left
 from bhm_service.discrepancy.findings import Verdict
 from bhm_service.discrepancy.fitting import Fitted
-from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.search import LEAST_SNR, Search
 from bhm_service.discrepancy.selection import LEAST_V, Selection
+from bhm_service.discrepancy.slow import SLOW_S, slow, slow_samples
 from bhm_service.units import Array
 
 SENSORS = frozenset({"current-gain", "current-offset", "voltage-gain", "voltage-offset", "time-skew"})
 _SHIFTED = 4.5  # standard deviations of the lab by which a parameter has moved: ten nats of what was known before
-_SLOW_S = 15.0  # misfit faster than this is noise
 _REST = 0.4  # of the misfit's RMS: what is left beyond this is said to be left
 _LONE_LAB = 0.6  # times the lab's voltage error: a misfit that only some flights have is no error of the lab from here
 _COLOURED_V = 0.005  # [V] of a cell: the most that a sensor may wander by itself
@@ -42,12 +41,12 @@ def judge(
     rivals: Sequence[Contest],
     leftover: Left | None,
 ) -> Judged:
-    """The verdict on a selection and on what it leaves: a pattern, a period or a bent curve."""
+    """The verdict on a selection and on what it leaves."""
     before = [slow(c.flight.voltage_v - c.before_v, c.flight) for c in courses]
     after = [slow(c.flight.voltage_v - c.after_v, c.flight) for c in courses]
-    floor = found.noise.sigma_v**2 / _SLOW_S
+    floor = found.noise.sigma_v**2 / SLOW_S
     rest = float(np.sqrt(_power(after, floor) / max(_power(before, floor), 1e-12)))
-    coloured = found.noise.averaged_v(_width(courses[0].flight))
+    coloured = found.noise.averaged_v(slow_samples(courses[0].flight))
     named = chosen.names
     strange = leftover is not None or ((bool(named) or beyond_lab(found)) and _strange(found, after, floor, coloured))
     verdict: Verdict
@@ -72,18 +71,6 @@ def beyond_lab(found: Search) -> bool:
     misfit = np.concatenate(found.base.misfits)
     lab = found.base.lab
     return float(np.nanmean(misfit**2)) - found.noise.sigma_v**2 > (lab.series * lab.voltage_error_v) ** 2
-
-
-def slow(misfit: Array, data: FlightData) -> Array:
-    """A misfit averaged over a quarter of a minute: what noise is not."""
-    known = np.isfinite(misfit)
-    kernel = np.ones(_width(data))
-    above = np.convolve(np.where(known, misfit, 0.0), kernel, mode="same")
-    return np.asarray(above / np.maximum(np.convolve(known.astype(float), kernel, mode="same"), 1.0))
-
-
-def _width(data: FlightData) -> int:
-    return max(int(_SLOW_S / max(float(np.median(np.diff(data.time_s))), 0.1)), 1)
 
 
 def _power(parts: Sequence[Array], floor: float) -> float:
