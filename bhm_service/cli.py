@@ -184,6 +184,7 @@ def prove(again: Path | None, **given: Any) -> None:
 @click.option(
     "--model", type=click.Choice(["circ", "chem"]), help="Cell model to explain with. [circ where there is one]"
 )
+@click.option("--told", metavar="A+B", help="Effects to measure, as if somebody had told them: nothing is searched.")
 @click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, metavar="DIR",
               help="Where findings and report go.")  # fmt: skip
 @click.option("--install", is_flag=True, help="Put the repaired battery beside the old one, to fly in its shadow.")

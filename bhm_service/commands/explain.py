@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from bhm_service.battery.battery_file import BatteryFile, ModelName, read_battery, write_battery
+from bhm_service.battery.effects import EFFECTS
 from bhm_service.config import read_vehicle
 from bhm_service.discrepancy.demand_side import DemandSide
 from bhm_service.discrepancy.explain import Request, explain
@@ -44,6 +45,7 @@ class Task:
     model: ModelName | None = None
     install: bool = False
     as_json: bool = False
+    told: str | None = None  # effects, joined by +
 
 
 def explain_logs(task: Task) -> int:
@@ -59,6 +61,7 @@ def explain_logs(task: Task) -> int:
     capacity_c = None if ampere_hours is None else ampere_hours * SECONDS_PER_HOUR
     lab = lab_of(battery, model, series, capacity_c)
     notes = read_sidecar(task.sidecar) if task.sidecar is not None else {}
+    told = _known_effects(task.told)
     _make(task.output)
     battery_id = task.battery_id if task.battery_id is not None else (vehicle.battery.id if vehicle else None)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
@@ -78,6 +81,7 @@ def explain_logs(task: Task) -> int:
                 series=series,
                 capacity_c=capacity_c,
                 vehicle=vehicle,
+                told=told,
             ),
             progress,
         )
@@ -92,6 +96,14 @@ def explain_logs(task: Task) -> int:
         said = "nothing to install" if found.repaired is None else f"installed: {install(task, found.repaired)}"
         err.print(said, markup=False, soft_wrap=True)
     return 0
+
+
+def _known_effects(told: str | None) -> frozenset[str]:
+    """The battery effects that were told. Raises BadInputError for a name that is none of the pack's."""
+    names = frozenset(name.strip() for name in told.split("+")) if told is not None else frozenset[str]()
+    for name in sorted(names - set(EFFECTS)):
+        raise BadInputError("bhm explain --told", f"no effect of a pack is called {name!r}", ", ".join(EFFECTS))
+    return names
 
 
 def _make(folder: Path) -> None:

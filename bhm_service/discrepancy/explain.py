@@ -31,7 +31,7 @@ from bhm_service.discrepancy.patterns import Pattern, telling
 from bhm_service.discrepancy.recurring import recurring
 from bhm_service.discrepancy.repair import flying, patched, repaired, retuned
 from bhm_service.discrepancy.search import LEAST_SNR, NATS, NEAR, STRUCTURAL, Names, Progress, Search, needed, search
-from bhm_service.discrepancy.selection import MUCH, NOTHING, Selection, select, share
+from bhm_service.discrepancy.selection import MUCH, NOTHING, Selection, select, share, taken
 from bhm_service.discrepancy.significance import familywise
 from bhm_service.discrepancy.words import effect_in_words, left_in_words, moved_of, sentence, values_of
 from bhm_service.errors import BadInputError
@@ -58,10 +58,14 @@ class Request:
     series: int | None = None
     capacity_c: float | None = None
     vehicle: Vehicle | None = None  # whose demand model the flights' power is held against
+    told: Names = frozenset()  # effects to take as given; the catalogue is searched where there are none
 
 
 def explain(request: Request, progress: Progress = lambda _: None) -> Explanation:
-    """Search, choose, confirm and say. Raises BadInputError with fewer than two usable flights."""
+    """Search, choose, confirm and say; what is told is measured only.
+
+    Raises BadInputError with fewer than two usable flights, and where they show nothing of what is told.
+    """
     flights = tuple(f.thinned(_SAMPLES) for f in request.flights)
     if len(flights) < _FEWEST:
         why = "; ".join(f"{r.label}: {r.because}" for r in request.left_out)
@@ -71,15 +75,22 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
     lab = lab_of(request.battery, request.model, request.series, request.capacity_c)
     base = Joint(lab, flights)
     tried, missing = _tried(lab, flights)
+    if request.told:
+        tried = [c for c in tried if c.id in request.told]
     progress("the battery as it is")
     found = search(base, tried, progress)
     progress("which of them stands")
     rng = np.random.default_rng(_SEED)
     second = _witness(request, found, flights)
-    closer = witness(lab, Joint(lab, tuple(request.flights), (), found.base.start_sd), found.candidates)
     unseen = Unseen(found)
-    chosen, p_values, rivals = _significant(unseen, second, closer, rng)
-    chosen, leftover = _outweighed(found, chosen, lab, request.flights)
+    leftover: Left | None = None
+    if request.told:
+        chosen = _as_told(found, request.told, missing)
+        p_values, rivals = familywise(found, chosen.names, rng), list[Contest]()
+    else:
+        closer = witness(lab, Joint(lab, tuple(request.flights), (), found.base.start_sd), found.candidates)
+        chosen, p_values, rivals = _significant(unseen, second, closer, rng)
+        chosen, leftover = _outweighed(found, chosen, lab, request.flights)
     fitted = found.fitted(chosen.names)
     progress("flights that no fit saw")
     proof = held_out(unseen, chosen.names)
@@ -101,7 +112,8 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
         battery = retuned(request.battery, fitted)
     elif judged.verdict == "unknown":
         battery = patched(request.battery, findings.fit.rmse_before_V / lab.series)
-    said, advised = sentence(findings, len(flights), moved_of(fitted)), advice(found, chosen, judged.verdict)
+    said = sentence(findings, len(flights), moved_of(fitted), told=bool(request.told))
+    advised = advice(found, chosen, judged.verdict)
     changes = findings.change_points
     if isinstance(leftover, ChangedLag):
         changes = [ChangePoint(flight=leftover.flight, time_s=0.0), *changes]
@@ -137,6 +149,15 @@ def _tried(lab: Lab, flights: Sequence[FlightData]) -> tuple[list[Candidate], li
     energy_wh = _CELL_V * lab.series * lab.capacity_c / SECONDS_PER_HOUR
     joined = [e.id for e in lab.effects]
     return candidates(flights, lab.model, energy_wh, lab.identified, joined, lab.capacity_c, lab.series)
+
+
+def _as_told(found: Search, told: Names, missing: Sequence[NotExcited]) -> Selection:
+    """What is told, whether it earns its place or not. Raises BadInputError where the flights show none of it."""
+    chosen = taken(found, told)
+    if not chosen.names:
+        why = "; ".join(f"{m.id}: {m.because}" for m in missing if m.id in told) or "too small for these flights"
+        raise BadInputError("bhm explain --told", f"nothing of {'+'.join(sorted(told))} can be measured", why)
+    return chosen
 
 
 def _witness(request: Request, found: Search, flights: tuple[FlightData, ...]) -> Witness | None:

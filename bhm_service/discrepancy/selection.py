@@ -68,6 +68,13 @@ def select(found: Search, refuted: Collection[Names] = ()) -> Selection:
     return Selection(chosen, tuple(near[1:]), found.earned(chosen), added(found, chosen))
 
 
+def taken(found: Search, names: Names) -> Selection:
+    """A set at its word: those of it that the flights can show, whatever they earn, against no rival."""
+    there = names & {c.id for c in found.candidates}
+    found.fitted(there, found.fits[found.ranked()[0]])
+    return Selection(there, (), found.earned(there), added(found, there)) if there else NOTHING
+
+
 def _near(found: Search, refuted: Collection[Names]) -> list[Names]:
     """The sets that could be the explanation, first the one that is chosen; empty where none is."""
     valid: list[Names] = []

@@ -54,12 +54,17 @@ VARIABLES = {
 }
 
 
-def sentence(findings: Findings, flights: int, moved: Mapping[str, float] | None = None) -> str:
-    """The verdict in one sentence; ``moved``: by which shares the lab's own numbers did, see `moved_of`."""
+def sentence(findings: Findings, flights: int, moved: Mapping[str, float] | None = None, *, told: bool = False) -> str:
+    """The verdict in one sentence; ``moved``: by which shares the lab's own numbers did, see `moved_of`.
+
+    ``told``: the effects were given, not found.
+    """
     named = _titles([e.id for e in findings.effects])
     fit = _fit_clause(findings)
     verdict = findings.verdict
-    if verdict == "none":
+    if told:
+        text = f"Measured as told, not found: {named}{fit}"
+    elif verdict == "none":
         text = (
             f"Nothing is missing that these {flights} flights could show: the battery file explains their voltage "
             f"to {_millivolts(findings.fit.rmse_after_V)}"

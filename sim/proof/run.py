@@ -25,13 +25,13 @@ from sim.proof.flying_time import flying_times
 from sim.proof.scoring.answers import Answer
 from sim.proof.scoring.findings import outcome_from_json
 from sim.proof.scoring.judge import judge
-from sim.proof.scoring.names import EFFECTS
+from sim.proof.scoring.names import DEMAND_EFFECTS, EFFECTS
 from sim.proof.scoring.score import SuiteScore, score
 from sim.proof.sealing import opened, seal, write_opened, write_sealed
 from sim.proof.suites import SHARED, checked_seed, exam_seed, suite
 
 OUTCOMES, ENDED = "outcomes.json", "ended.json"
-_MOST_TOLD = 40  # cases of a suite that are fitted again with their effects told
+_MOST_TOLD = 16  # cases of a suite that are fitted again with their effects told
 _MOST_FLOWN_ON = 16  # cases of a suite whose flying time is examined: each is 40 s of replay
 _ROOT = Path(__file__).resolve().parents[2]
 _ENTROPY_BITS = 48
@@ -211,13 +211,13 @@ def _told(
     came_back = {o["case"] for o in outcomes if o.get("findings") is not None}
     asked = []
     for of in answers.values():
-        known = [a for a in of if a.truth and a.truth <= set(EFFECTS) and a.case in came_back]
+        known = [a for a in of if _of_pack(a) and a.truth <= set(EFFECTS) and a.case in came_back]
         asked += known[:_MOST_TOLD]
 
     def one(answer: Answer) -> tuple[str, float | None]:
         out = folder / "told" / answer.case
         out.mkdir(parents=True)
-        return answer.case, who.told(Case(folder / "cases" / answer.case), out, sorted(answer.truth))
+        return answer.case, who.told(Case(folder / "cases" / answer.case), out, _of_pack(answer))
 
     if not asked or not who.can_be_told:
         return {}
@@ -229,6 +229,11 @@ def _told(
                 found[case] = volts
             progress("telling the effects", done, len(asked))
     return found
+
+
+def _of_pack(answer: Answer) -> list[str]:
+    """What of an answer shows in the voltage for a given current."""
+    return sorted(answer.truth - set(DEMAND_EFFECTS))
 
 
 def _battery(folder: Path, outcome: dict[str, Any], when: str) -> Path | None:

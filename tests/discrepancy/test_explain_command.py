@@ -111,6 +111,21 @@ def test_it_writes_findings_prints_them_and_leaves_out_what_is_unusable(bhm, tmp
     assert max(len(line) for line in out.splitlines() if str(tmp_path) not in line) <= 100
 
 
+def test_an_effect_that_is_told_and_no_effect_of_a_pack_is_refused(bhm, tmp_path):
+    logs = [write(tmp_path / f"{k}.csv", columns()) for k in range(2)]
+    status, _, err = bhm(*logs, "--told", "capacity-fade+payload-mass")
+    assert status == 2
+    assert "no effect of a pack is called 'payload-mass'" in err
+    assert "capacity-fade, resistance-growth" in err
+
+
+def test_an_effect_that_is_told_and_cannot_be_measured_is_refused_with_the_reason(bhm, tmp_path):
+    logs = [write(tmp_path / f"{k}.csv", columns()) for k in range(2)]
+    status, _, err = bhm(*logs, "--told", "self-discharge")
+    assert status == 2
+    assert "self-discharge: needs storage, which is not recorded" in " ".join(err.split())
+
+
 def test_json_is_the_findings_and_nothing_else(bhm, tmp_path):
     logs = [write(tmp_path / f"{k}.csv", columns(amps=14.0 + k)) for k in range(2)]
     status, out, _ = bhm(*logs, "--json")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from sim.proof.run import Request, prove
-from sim.proof.scoring.score import ANSWERED, FALSE_ALARMS, PRECISION
+from sim.proof.scoring.score import ANSWERED, FALSE_ALARMS, OF_ORACLE, PRECISION
 
 # Three nulls, a sensor's gain or offset, a load past the sensor and a pair: chosen for what it holds, not blind.
 SEED, CASES = 9, 6
@@ -24,3 +24,5 @@ def test_on_a_few_concealed_cases_nothing_is_claimed_of_a_null_and_most_effects_
     assert rows[PRECISION].value == 1.0
     assert rows[ANSWERED].value >= MOST
     assert rows["no answer at all"].value == 0.0
+    assert rows[OF_ORACLE].n >= 1
+    assert rows[OF_ORACLE].value > 0.5

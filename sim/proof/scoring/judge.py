@@ -227,10 +227,9 @@ def _fit(
         else:
             heldout = (before, after)
             measures["heldout_ratio"] = after / before
-            if outcome.oracle_heldout_v is not None and before - outcome.oracle_heldout_v > _NEAR_ZERO_V:
-                measures["share_of_oracle"] = (before - after) / (before - outcome.oracle_heldout_v)
-            else:
-                missing.append("share_of_oracle: no oracle fit")
+    oracle = outcome.oracle_heldout_v
+    if before is not None and after is not None and oracle is not None and before - oracle > _NEAR_ZERO_V:
+        measures["share_of_oracle"] = (before - after) / (before - oracle)  # nothing, where nothing was claimed
     if outcome.rft_error_s is not None and outcome.rft_error_s[0] > 0.0:
         measures["rft_before_s"], measures["rft_after_s"] = outcome.rft_error_s
         measures["rft_ratio"] = outcome.rft_error_s[1] / outcome.rft_error_s[0]

@@ -80,6 +80,7 @@ class Bound:
 
 PRECISION, FALSE_ALARMS = "naming precision, one effect", "false alarms on nulls"
 ANSWERED = "cases answered right"
+OF_ORACLE = "share of what an oracle gains, median"
 CRITERIA = "criteria of real recordings met"
 TARGETS: Mapping[str, Mapping[str, Bound]] = {
     "concealed": {
@@ -164,7 +165,7 @@ def _rows(judged: Sequence[Judgement]) -> list[Row]:
         _number("parameter error, 90th percentile", errors, lambda v: quantile(v, 0.9), percent=True),
         _share("coverage of 90 % intervals", coverage(z, 0.9)),
         _measured("held-out RMSE after over before, median", found, "heldout_ratio"),
-        _measured("share of what an oracle gains, median", found, "share_of_oracle"),
+        _measured(OF_ORACLE, judged, "share_of_oracle"),
         _measured("RFT error after over before, median", found, "rft_ratio"),
         _measured("RFT error before, median [s]", found, "rft_before_s"),
         _measured("RFT error after, median [s]", found, "rft_after_s"),
