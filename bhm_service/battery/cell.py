@@ -9,12 +9,13 @@ from bhm_service.units import Value
 
 
 class Modifiers(NamedTuple):
-    """Scales that effects lay on a cell; both cell models honour the same four."""
+    """Scales that effects lay on a cell; both cell models honour the same, but for ``transfer``."""
 
     resistance: Value = 1.0  # times the ohmic resistance
-    kinetics: Value = 1.0  # times the speed of charge transfer
+    kinetics: Value = 1.0  # times the speed of charge transfer and of all that a model may have put with it
     diffusion: Value = 1.0  # times the speed of diffusion
     capacity: Value = 1.0  # times the charge between full and empty
+    transfer: Value = 1.0  # times the speed of charge transfer alone, where it is told from the rest
 
     def times(self, other: Modifiers) -> Modifiers:
         """Both scales together."""
@@ -23,6 +24,7 @@ class Modifiers(NamedTuple):
             self.kinetics * other.kinetics,
             self.diffusion * other.diffusion,
             self.capacity * other.capacity,
+            self.transfer * other.transfer,
         )
 
 

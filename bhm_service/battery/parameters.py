@@ -31,6 +31,7 @@ class Parameter:
     model: Literal["circ", "chem"] | None = None  # of this model only; with the other it stays at its default
     source: str = ""  # of prior and bounds
     beside: str | None = None  # the driver without which it means nothing: fitted only where that is known
+    unless: str | None = None  # the effect that says the same where the battery has it: there it stays at its default
 
     def si(self, value: float) -> float:
         """A value in ``unit`` as the model holds it."""
@@ -53,11 +54,14 @@ def parameter(
     model: Literal["circ", "chem"] | None = None,
     source: str = "",
     beside: str | None = None,
+    unless: str | None = None,
 ) -> Any:
     """Declare a dataclass field as a model parameter; ``default`` is in SI, all else in ``unit``."""
     metadata = {
-        _KEY: (symbol, unit, low, high, meaning, scale, absent, prior, per_flight, driver, model, source, beside),
-    }
+        _KEY: (
+            symbol, unit, low, high, meaning, scale, absent, prior, per_flight, driver, model, source, beside, unless,
+        ),
+    }  # fmt: skip
     if default is None:
         return dataclasses.field(metadata=metadata)
     return dataclasses.field(metadata=metadata, default=default)

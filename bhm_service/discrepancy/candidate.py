@@ -189,7 +189,7 @@ def candidates(
             continue
         if kind.shown_by and not needed:
             continue  # joins with what shows it
-        found.append(_candidate(kind, tuple(carriers), tuple(needed), flights, known, model, pack_wh))
+        found.append(_candidate(kind, tuple(carriers), tuple(needed), flights, known, model, pack_wh, joined))
     return found, missing
 
 
@@ -219,13 +219,14 @@ def _candidate(
     known: set[str],
     model: ModelName,
     pack_wh: float,
+    joined: Collection[str],
 ) -> Candidate:
     unknowns: list[Unknown] = []
     fixed: dict[str, Sequence[float]] = {}
     for part in (kind, *carriers):
         priors = part.priors(pack_wh)
         for p in part.parameters():
-            if p.model not in (None, model) or (p.beside is not None and p.beside not in known):
+            if p.model not in (None, model) or (p.beside is not None and p.beside not in known) or p.unless in joined:
                 continue
             if p.driver is not None:
                 if p.driver in known:

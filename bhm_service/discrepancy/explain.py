@@ -177,22 +177,25 @@ def _significant(
     """The best set that beats noise, is beaten by no phantom, harms on no unseen flight and has the other model's word.
 
     A skew has to stand on the logs' own samples (``closer``) as well: over averaged ones it is not told from what a
-    cell relaxes within a second, of which the samples themselves show that part comes at once. With the set its
-    members' odds in noise, and its contests with phantoms. Sets are dropped one by one; a catalogue of which the best
-    are all refuted has nothing to say.
+    cell relaxes within a second, of which the samples themselves show that part comes at once. One that does not is
+    part of no set. With the set its members' odds in noise, and its contests with phantoms. Sets are dropped one by
+    one; a catalogue of which the best are all refuted has nothing to say.
     """
     found = unseen.found
     refuted: list[Names] = []
+    absent: Names = frozenset()
     for _ in range(_MOST_REFUTED):
-        chosen = select(found, refuted)
+        chosen = select(found, refuted, absent)
         p_values = familywise(found, chosen.names, rng)
         if not chosen.names:
             return chosen, p_values, []
         if all(p <= _SIGNIFICANT for p in p_values.values()) and not harmful(unseen, chosen.names):
             rivals = contests(found, chosen.names, rng)
             beaten = any(c.nats < -NEAR for c in rivals)
-            if not beaten and (second is None or _witnessed(second.earned(chosen.names))) and _timed(closer, chosen):
-                return chosen, p_values, rivals
+            if not beaten and (second is None or _witnessed(second.earned(chosen.names))):
+                if _timed(closer, chosen):
+                    return chosen, p_values, rivals
+                absent = frozenset({TimeSkew.id})
         refuted.append(chosen.names)
     return NOTHING, {}, []
 

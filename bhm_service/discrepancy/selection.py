@@ -50,16 +50,17 @@ class Selection:
 NOTHING = Selection(frozenset(), (), {}, {})
 
 
-def select(found: Search, refuted: Collection[Names] = ()) -> Selection:
+def select(found: Search, refuted: Collection[Names] = (), absent: Names = frozenset()) -> Selection:
     """The best of the sets whose every member earns its place; among equals the simplest, the commonest, the likeliest.
 
     What the flights like far less than a refuted set is only what that one leaves to be had, unless it is part of it.
+    ``absent`` are effects of which it is known that they are not there: a set with one of them says nothing.
     """
-    near = _near(found, refuted)
+    near = _near(found, refuted, absent)
     for _ in range(_RIVALRIES):
         held = near[:1]
-        _swaps(found, held[0] if held else found.ranked()[0])
-        near = _near(found, refuted)
+        _swaps(found, held[0] if held else next(names for names in found.ranked() if not names & absent))
+        near = _near(found, refuted, absent)
         if near[:1] == held:
             break
     if not near:
@@ -75,18 +76,19 @@ def taken(found: Search, names: Names) -> Selection:
     return Selection(there, (), found.earned(there), added(found, there)) if there else NOTHING
 
 
-def _near(found: Search, refuted: Collection[Names]) -> list[Names]:
+def _near(found: Search, refuted: Collection[Names], absent: Names) -> list[Names]:
     """The sets that could be the explanation, first the one that is chosen; empty where none is."""
     valid: list[Names] = []
     best, most = frozenset[str](), 0.0
+    refuted = [names for names in refuted if not names & absent]
     liked = max((found.evidence(r) for r in refuted), default=0.0) - NATS
-    for names in found.ranked():
+    for names in _open(found, refuted, absent):
         nats = found.evidence(names)
         # One more member has to earn its place against the best set without it, not only against its own remainder.
         better = nats - _price(names) > most - _price(best)
         close = len(names) <= len(best) and nats > most - NEAR
         imitates = nats < liked and not any(names < r for r in refuted)
-        if not names or names in refuted or imitates or not (better or close) or not _stands(found, names):
+        if imitates or not (better or close) or not _stands(found, names):
             continue
         valid.append(names)
         if better:
@@ -94,9 +96,14 @@ def _near(found: Search, refuted: Collection[Names]) -> list[Names]:
     near = [names for names in valid if len(names) <= len(best) and found.evidence(names) > most - NEAR]
     if not any(_credit(found, names) > _CLAIM_NATS for names in near):
         return []
-    if _beyond_physics(found, refuted, most + NATS):
+    if _beyond_physics(found, _open(found, refuted, absent), most + NATS):
         return []
     return sorted(near, key=lambda names: (len(names), _order(names), -found.evidence(names)))
+
+
+def _open(found: Search, refuted: Collection[Names], absent: Names) -> list[Names]:
+    """The sets of which nothing is known that speaks against them, the best first."""
+    return [names for names in found.ranked() if names and names not in refuted and not names & absent]
 
 
 def _swaps(found: Search, names: Names) -> None:
@@ -194,15 +201,15 @@ def _price(names: Names) -> float:
     return sum(needed(name) for name in names)
 
 
-def _beyond_physics(found: Search, refuted: Collection[Names], nats: float) -> bool:
+def _beyond_physics(found: Search, tried: Collection[Names], nats: float) -> bool:
     """Whether only a number beyond what is physical keeps a set with more evidence than that from being the answer.
 
     What stands behind such a set only imitates a cause that the catalogue does not hold.
     """
     return any(
         not _physical(found.fitted(names)) and _separable(found, names) and _matters(found, names)
-        for names in found.ranked()
-        if names and names not in refuted and found.evidence(names) > nats
+        for names in tried
+        if found.evidence(names) > nats
     )
 
 

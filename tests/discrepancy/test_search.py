@@ -46,7 +46,7 @@ def test_what_a_candidate_is_expected_to_add_is_what_its_fit_adds():
 
 
 def test_an_effect_that_begins_without_a_slope_is_expected_to_add_what_it_shows_at_its_usual_size():
-    found, _ = missing("charge-transfer", bend=3.0)
+    found, _ = missing("charge-transfer", bend=3.0, straight=1.0)
     assert found.gains(frozenset())["charge-transfer"] > 0.5 * found.evidence(frozenset({"charge-transfer"})) > 50.0
 
 

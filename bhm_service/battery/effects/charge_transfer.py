@@ -7,8 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from bhm_service.battery.cell import UNMODIFIED, Modifiers
-from bhm_service.battery.circ import Circ
+from bhm_service.battery.cell import Modifiers
 from bhm_service.battery.effects.base import Conditions, Effect, Instant
 from bhm_service.battery.parameters import parameter
 from bhm_service.units import FARADAY, GAS_CONSTANT, SECONDS_PER_HOUR, Value
@@ -18,17 +17,19 @@ _CHORD_C = 2.0  # [1/h] load at which the lab's straight line and the bent one m
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChargeTransfer(Effect):
-    """V_ct = (2 R_g T / F) asinh(i / 2 i_0) in the place of a straight line.
+    """V_ct = (2 R_g T / F) asinh(i / 2 i_0), slower or faster than in the lab, or in the place of its straight line.
 
-    Circ's resistances were identified around the load of a hover, so the straight line that is replaced is the chord
-    up to 2C of the kinetics as the lab had them: at that speed the effect bends the drop but does not change it there.
-    Since then they may have become slower or faster. Chem has these kinetics: there only their speed is open.
+    Where the lab's recordings told charge transfer from the rest, it is the battery's ``double-layer``, and only its
+    speed is open. Where they did not, it is within the resistance, which was identified around the load of a hover: of
+    the straight line that is replaced a share of the chord up to 2C is the kinetics as the lab had them. At that speed
+    the effect bends the drop but does not change it there; since then they may have become slower or faster. That holds
+    for Chem too: what its exchange currents are after an identification is as often polarisation that takes a minute.
     """
 
     id: ClassVar[str] = "charge-transfer"
-    title: ClassVar[str] = "The drop is not proportional to the current"
+    title: ClassVar[str] = "Charge transfer is not as in the lab's model"
     equation: ClassVar[str] = (
-        "V_ct = (2 R_g T / F) asinh(i / 2 s i_0) for the chord of s = 1 up to 2C; Chem k = s k_lab"
+        "V_ct = (2 R_g T / F) asinh(i / 2 s i_0), i_0 the double layer's or w of it in the lab's chord up to 2C"
     )
     source: ClassVar[str] = "Butler-Volmer with alpha = 0.5, Daigle & Kulkarni 2013; i_0 0.12-1.2 C"
     excited_by: ClassVar[str] = "loads from rest to full throttle at one charge"
@@ -38,8 +39,12 @@ class ChargeTransfer(Effect):
     manoeuvre: ClassVar[str] = "a staircase of three throttle levels, 5 s each, at one charge"
 
     bend: Value = parameter(
-        "1C / i_0", "1", 0.0, 100.0, "current of one hour's discharge over the lab's exchange current", default=0.0,
-        absent=0.0, prior=(4.0, 3.0), model="circ",
+        "1C / i_0", "1", 0.1, 100.0, "current of one hour's discharge over the lab's exchange current", default=0.0,
+        prior=(2.5, 2.5), unless="double-layer",
+    )  # fmt: skip
+    straight: Value = parameter(
+        "w", "1", 0.0, 2.0, "share of the bent line that the lab's straight one stands for", default=0.0,
+        absent=0.0, prior=(1.0, 0.5), unless="double-layer",
     )  # fmt: skip
     speed: Value = parameter(
         "s", "1", 0.05, 20.0, "speed of charge transfer over that of the lab", default=1.0, absent=1.0,
@@ -47,11 +52,13 @@ class ChargeTransfer(Effect):
     )  # fmt: skip
 
     def modifiers(self, state: tuple[Value, ...], at: Conditions) -> Modifiers:
-        return UNMODIFIED if isinstance(at.cell, Circ) else Modifiers(kinetics=self.speed)
+        return Modifiers(transfer=self.speed)
 
     def extra_voltage(self, state: tuple[Value, ...], now: Instant) -> Value:
         rate = now.cell_current * (SECONDS_PER_HOUR / now.cell.capacity_c)  # in C
         half = 0.5 * self.bend / now.by.kinetics
-        bent = np.arcsinh(half * rate / self.speed)
+        lab = np.arcsinh(half * rate)
         chord = rate * (np.arcsinh(half * _CHORD_C) / _CHORD_C)
-        return now.series * (2.0 * GAS_CONSTANT / FARADAY) * now.temperature * (chord - bent)
+        more = self.straight * (chord - lab) - (np.arcsinh(half * rate / self.speed) - lab)
+        added: Value = now.series * (2.0 * GAS_CONSTANT / FARADAY) * now.temperature * more
+        return added

@@ -19,6 +19,9 @@ class DoubleLayer(Effect):
 
     Circ has one pair, which is taken by what lasts for a minute, and no drop that bends with the current.
 
+    Its lag is its capacitance times 2 R_g T / F / sqrt(i^2 + 4 i_0^2): under the loads that matter, above 2 i_0, it
+    stays the same however fast charge transfer is.
+
     A part of a lab's model of a cell: no candidate of what is missing in flight.
     """
 
@@ -30,18 +33,17 @@ class DoubleLayer(Effect):
     state_names: ClassVar[tuple[str, ...]] = ("double_layer_v",)
 
     exchange_current: Value = parameter("i_0", "A", 1e-3, 1e5, "of a cell")
-    time_constant: Value = parameter("tau_dl", "s", 0.01, 100.0, "its time constant, 25 degC")
+    time_constant: Value = parameter("tau_dl", "s", 0.01, 100.0, "its time constant under load")
 
     def start(self) -> tuple[Value, ...]:
         return (0.0,)
 
     def advance(self, solver: Solver, start: tuple[Value, ...], interval: Interval) -> tuple[Value, ...]:
-        # The layer's capacitance stays: what charges it more slowly also takes longer.
-        tau = self.time_constant / interval.by.kinetics
+        speed = interval.by.kinetics * interval.by.transfer
         thermal = 2.0 * GAS_CONSTANT / FARADAY * interval.temperature
-        per_ampere = 0.5 / (self.exchange_current * interval.by.kinetics)
+        per_ampere = 0.5 / (self.exchange_current * speed)
         begin, end = (thermal * np.arcsinh(per_ampere * i) for i in (interval.begin, interval.end))
-        return (solver.lag(start[0], begin, end, tau),)
+        return (solver.lag(start[0], begin, end, self.time_constant),)
 
     def heat(self, state: tuple[Value, ...], now: Instant) -> Value:
         return now.series * now.current * state[0]
