@@ -112,14 +112,13 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
         battery = retuned(request.battery, fitted)
     elif judged.verdict == "unknown":
         battery = patched(request.battery, findings.fit.rmse_before_V / lab.series)
-    said = sentence(findings, len(flights), moved_of(fitted), told=bool(request.told))
+    described = "" if leftover is None else left_in_words(leftover)
+    said = sentence(findings, len(flights), moved_of(fitted), told=bool(request.told), left=described)
     advised = advice(found, chosen, judged.verdict)
     changes = findings.change_points
     if isinstance(leftover, ChangedLag):
-        changes = [ChangePoint(flight=leftover.flight, time_s=0.0), *changes]
-    if leftover is not None:
-        described = left_in_words(leftover)
-        said = f"{said[:-1]}; {described}."
+        changes = _in_order([ChangePoint(flight=leftover.flight, time_s=0.0), *changes])
+    if described:
         advised.append(f"Look for a cause that goes with it: {described}.")
     if request.vehicle is not None:
         progress("the power that was asked for")
@@ -362,4 +361,8 @@ def _change_points(fitted: Fitted) -> list[ChangePoint]:
             for k, time_s in enumerate(told):
                 if 0.0 < time_s < float(fitted.joint.flights[k].time_s[-1]):
                     found.append(ChangePoint(flight=fitted.joint.flights[k].label, time_s=float(time_s)))
-    return sorted(found, key=lambda c: (c.flight, c.time_s))
+    return _in_order(found)
+
+
+def _in_order(changes: Sequence[ChangePoint]) -> list[ChangePoint]:
+    return sorted(changes, key=lambda c: (c.flight, c.time_s))

@@ -54,10 +54,17 @@ VARIABLES = {
 }
 
 
-def sentence(findings: Findings, flights: int, moved: Mapping[str, float] | None = None, *, told: bool = False) -> str:
+def sentence(
+    findings: Findings,
+    flights: int,
+    moved: Mapping[str, float] | None = None,
+    *,
+    told: bool = False,
+    left: str = "",
+) -> str:
     """The verdict in one sentence; ``moved``: by which shares the lab's own numbers did, see `moved_of`.
 
-    ``told``: the effects were given, not found.
+    ``told``: the effects were given, not found. ``left``: what the explanation leaves, see `left_in_words`.
     """
     named = _titles([e.id for e in findings.effects])
     fit = _fit_clause(findings)
@@ -87,13 +94,16 @@ def sentence(findings: Findings, flights: int, moved: Mapping[str, float] | None
         text = f"Suspect a sensor before the battery: {named}{fit}"
     elif verdict == "unknown":
         where = f"; {region_in_words(findings.localisation[0], ())}" if findings.localisation else ""
-        text = f"The flights disagree with the battery file, and no effect of the catalogue explains it{where}{fit}"
+        seen, left = f": {left}" if left else "", ""
+        text = (
+            f"The flights disagree with the battery file, and no effect of the catalogue explains it{seen}{where}{fit}"
+        )
     else:
         text = "Something may be missing, but these flights are too much alike to show it"
         text += f"; the nearest: {named}" if named else ""
     if findings.unexplained_rest > 0.0:
         text += f"; {100.0 * findings.unexplained_rest:.0f} % of the misfit stays unexplained"
-    return text + "."
+    return f"{text}; {left}." if left else f"{text}."
 
 
 def effect_in_words(

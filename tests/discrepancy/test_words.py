@@ -217,6 +217,12 @@ def test_what_stays_unexplained_is_said():
     assert sentence(findings(unexplained_rest=0.23), 6).endswith("; 23 % of the misfit stays unexplained.")
 
 
+def test_what_is_left_is_the_reason_where_nothing_has_a_name_and_the_rest_where_something_has():
+    left = "from 04.tlog on the voltage follows the load later than before"
+    assert f"explains it: {left}; on flights" in sentence(findings("unknown", ids=()), 6, left=left)
+    assert sentence(findings(), 6, left=left).endswith(f"; {left}.")
+
+
 # ---- regions and flights --------------------------------------------------------------------------------------------
 
 
