@@ -285,24 +285,26 @@ def _familywise(found: DemandSearch, chosen: Chosen, rng: np.random.Generator) -
     return exceeded(chosen.earned, found.fitted(chosen.names).rows, geometries, rng)
 
 
-def unseen(found: DemandSearch, names: Names) -> list[Array] | None:
+def unseen(found: DemandSearch, names: Names, share: float = _SEEN) -> list[Array] | None:
     """Misfits on the part of each flight that its prediction did not see; None with fewer than three flights.
 
-    What a flight shares with others comes from them, what is its own from its first quarter.
+    What a flight shares with others comes from them, what is its own from the first ``share`` of it.
     """
     flights = found.base.flights
     if len(flights) < _FEWEST:
         return None
     demand, left = found.demand(names), []
     for k, data in enumerate(flights):
-        seen = int(np.ceil(_SEEN * data.time_s.size))
+        seen = max(int(np.ceil(share * data.time_s.size)), 1)
         learnt = fit(demand.with_part(k, seen), found.noise, found.fitted(names).x, rounds=6)
         left.append(demand.misfits(learnt.x)[k][seen:])
     return left
 
 
 def _harmful(found: DemandSearch, names: Names) -> bool:
-    after, before = unseen(found, names), unseen(found, frozenset())
+    # A part of a flight tells its level by itself, and so hides what a law that all flights share gets wrong or right.
+    share = _SEEN if PAYLOAD in found.ids(names) else 0.0
+    after, before = (unseen(found, one, share) for one in (names, frozenset[str]()))
     return after is not None and before is not None and rms(after) > _NO_WORSE * rms(before)
 
 

@@ -42,8 +42,8 @@ def axial(climb):
     return (climb / 2.0 + np.sqrt(climb**2 / 4.0 + INDUCED_MPS**2)) / INDUCED_MPS
 
 
-def ridden(number, *, induced=0.85, heavier=0.0, released_s=None, worn=0.0, seed=3):
-    """One flight with climbs: its rotors take more by a payload (until it is let go) and by wear."""
+def ridden(number, *, induced=0.85, heavier=0.0, released_s=None, worn=0.0, metres=0.0, seed=3):
+    """One flight with climbs: its rotors take more by a payload (until it is let go), by wear and by height."""
     rng = np.random.default_rng([seed, number])
     t = STEP_S * np.arange(SAMPLES)
     airborne = (t > 30.0) & (t < t[-1] - 20.0)
@@ -52,6 +52,8 @@ def ridden(number, *, induced=0.85, heavier=0.0, released_s=None, worn=0.0, seed
     gusts = 0.02 * np.sqrt(1.0 - 0.5**2) * lfilter([1.0], [1.0, -0.5], rng.standard_normal(SAMPLES))
     rotors = HOVER_W * (1.0 + induced * (axial(climb) - 1.0)) * (1.0 + aboard) ** 1.5 / (1.0 - worn)
     rotors = rotors * (1.0 + 0.005 * rng.standard_normal())
+    standard = 1.0 - 2.25577e-5 * metres  # temperature over that at sea level
+    rotors = rotors / np.sqrt(standard**4.2559)
     power = AVIONICS_W + np.where(airborne, rotors * (1.0 + gusts), 0.0)
     volts = 24.0 - 2.0 * t / t[-1]
     return FlightData(
@@ -64,5 +66,5 @@ def ridden(number, *, induced=0.85, heavier=0.0, released_s=None, worn=0.0, seed
         altitude_m=np.cumsum(climb) * STEP_S,
         climb_mps=climb,
         speed_mps=np.zeros(SAMPLES),
-        pressure_pa=np.full(SAMPLES, 101325.0),
+        pressure_pa=np.full(SAMPLES, 101325.0 * standard**5.2559),
     )

@@ -66,6 +66,18 @@ def test_climb_power_that_the_file_lacks_comes_back_within_its_spread(climbing):
     assert "Climbing at 3 m/s costs" in climbing.in_words[0]
 
 
+def test_thin_air_is_held_against_flights_of_which_nothing_was_seen():
+    """Two from high fields take 2 % less later on, as in calmer air: their own start tells less than the law."""
+    flights = [ridden(k, metres=metres) for k, metres in enumerate((0.0, 2500.0, 800.0, 1700.0, 400.0, 2100.0))]
+    for k in (1, 5):
+        calmer = np.where(flights[k].time_s > 200.0, 0.98, 1.0)
+        flights[k] = replace(flights[k], current_a=calmer * flights[k].current_a)
+    found = looked(flights, CLIMB)
+    assert ids(found) == ["air-density"]
+    told = found.effects[0].parameters["exponent"]
+    assert abs(told.value - 0.5) < 2.0 * told.sd < 0.3
+
+
 def test_a_payload_that_is_let_go_is_found_in_time_and_in_weight(loaded):
     assert (loaded.verdict, ids(loaded)) == ("named", ["payload-mass"])
     times = {c.flight: c.time_s for c in loaded.change_points}
