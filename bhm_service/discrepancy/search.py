@@ -254,7 +254,7 @@ def search(base: Joint, candidates: Sequence[Candidate], progress: Progress = la
     found.snr = {c.id: expected_snr(at, found.joint(frozenset({c.id})), c) for c in candidates}
     found.candidates = tuple(c for c in candidates if found.snr[c.id] > _TRIED_SNR or c.inferred)
     _grow(found, depth=1, progress=progress)
-    best = found.fits[found.ranked()[0]]
+    best = found.fits[_largest(found)]
     steps = episodes(best)
     contacts = [contact_candidate(steps, len(base.flights))] if steps else []
     largest = frozenset(member.id for member in best.joint.members)
@@ -266,10 +266,30 @@ def search(base: Joint, candidates: Sequence[Candidate], progress: Progress = la
     wider = replace(base, lab=base.lab.widened(lambda name: pulls[best.joint.places[name]]))
     again = Search(wider, everything, noise, found.snr)
     again.fitted(frozenset(), found.fits[frozenset()])
-    for names in found.ranked()[: 2 * _WIDTH]:
+    # Sets grow one by one again: with their members' onsets and spreads known, others may be the best.
+    for names in [names for names in found.ranked() if len(names) == 1][: 2 * _WIDTH]:
         again.fitted(names, found.fits[names])
     _grow(again, depth=_DEPTH, progress=progress)
     return again
+
+
+def _largest(found: Search) -> Names:
+    """The best effect, and beside it what looks best for as long as that earns its place.
+
+    What belongs to the answer and is left out here is taken for the lab's errors, and hardly seen again.
+    """
+    names = found.ranked()[0]
+    while 0 < len(names) < _DEPTH:
+        gains = found.gains(names)
+        other = max(gains, key=lambda name: gains[name], default=None)
+        if other is None or gains[other] < NATS:
+            break
+        wider = names | {other}
+        found.fitted(wider, found.fitted(names))
+        if found.evidence(wider) - found.evidence(names) < needed(other):
+            break
+        names = wider
+    return names
 
 
 def _begun(found: Search, candidate: Candidate, largest: Names) -> Candidate:
