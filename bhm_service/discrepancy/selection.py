@@ -54,7 +54,7 @@ def select(found: Search, refuted: Collection[Names] = (), absent: Names = froze
     """The best of the sets whose every member earns its place; among equals the simplest, the commonest, the likeliest.
 
     What the flights like far less than a refuted set is only what that one leaves to be had, unless it is part of it.
-    ``absent`` are effects of which it is known that they are not there: a set with one of them says nothing.
+    ``absent`` are effects of which it is known that they are not there: no set with one of them is the answer.
     """
     near = _near(found, refuted, absent)
     for _ in range(_RIVALRIES):
@@ -80,8 +80,8 @@ def _near(found: Search, refuted: Collection[Names], absent: Names) -> list[Name
     """The sets that could be the explanation, first the one that is chosen; empty where none is."""
     valid: list[Names] = []
     best, most = frozenset[str](), 0.0
-    refuted = [names for names in refuted if not names & absent]
-    liked = max((found.evidence(r) for r in refuted), default=0.0) - NATS
+    # What an absent effect only seemed to explain is of another kind, unless a set explains the larger part of it.
+    liked = max((found.evidence(r) * (0.5 if r & absent else 1.0) for r in refuted), default=0.0) - NATS
     for names in _open(found, refuted, absent):
         nats = found.evidence(names)
         # One more member has to earn its place against the best set without it, not only against its own remainder.
