@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from bhm_service.battery.effects import EFFECTS
+from bhm_service.battery.effects.charge_transfer import further_drop
 from bhm_service.battery.effects.shapes import OcvShape, ResistanceShape
 from bhm_service.discrepancy.explanation import Course
 from bhm_service.discrepancy.flights import FlightData
@@ -186,19 +187,18 @@ def _slow_diffusion(s: Scene) -> str:
 
 
 def _charge_transfer(s: Scene) -> str:
-    speed, half, straight = s.value("speed"), 0.5 * s.value("bend"), s.value("straight")
+    speed, bend, straight = s.value("speed"), s.value("bend"), s.value("straight")
     thermal = s.lab.series * 2.0 * GAS_CONSTANT * REFERENCE_TEMPERATURE_K / FARADAY
 
     def larger(rate: float) -> float:
-        lab, chord = np.arcsinh(half * rate), 0.5 * rate * np.arcsinh(half * 2.0)
-        return float(thermal * (np.arcsinh(half * rate / speed) - lab - straight * (chord - lab)))
+        return float(thermal * further_drop(rate, bend, straight, speed))
 
     one = s.capacity_ah
     if abs(speed - 1.0) > 0.005:
         told = f"charge transfer is {speed:.2g} times as fast as in the lab"
         more = larger(s.hover_a / one)
         at_hover = f": at {s.hover_a:.0f} A the drop is {volts(abs(more))} {'larger' if more > 0.0 else 'smaller'}"
-        return told + (at_hover if half > 0.0 else "")
+        return told + (at_hover if bend > 0.0 else "")
     return (
         f"the drop does not grow in step with the current: it is {volts(larger(1.0))} larger at {one:.0f} A and "
         f"{volts(-larger(4.0))} smaller at {4.0 * one:.0f} A than a straight line says"

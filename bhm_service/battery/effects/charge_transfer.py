@@ -56,9 +56,15 @@ class ChargeTransfer(Effect):
 
     def extra_voltage(self, state: tuple[Value, ...], now: Instant) -> Value:
         rate = now.cell_current * (SECONDS_PER_HOUR / now.cell.capacity_c)  # in C
-        half = 0.5 * self.bend / now.by.kinetics
-        lab = np.arcsinh(half * rate)
-        chord = rate * (np.arcsinh(half * _CHORD_C) / _CHORD_C)
-        more = self.straight * (chord - lab) - (np.arcsinh(half * rate / self.speed) - lab)
-        added: Value = now.series * (2.0 * GAS_CONSTANT / FARADAY) * now.temperature * more
+        more = further_drop(rate, self.bend / now.by.kinetics, self.straight, self.speed)
+        added: Value = now.series * (2.0 * GAS_CONSTANT / FARADAY) * now.temperature * -more
         return added
+
+
+def further_drop(rate: Value, bend: Value, straight: Value, speed: Value) -> Value:
+    """What the drop is larger by than the lab's at a load ``rate`` [1/h], of a cell, in 2 R_g T / F; see the effect."""
+    half = 0.5 * bend
+    lab = np.arcsinh(half * rate)
+    chord = rate * (np.arcsinh(half * _CHORD_C) / _CHORD_C)
+    larger: Value = np.arcsinh(half * rate / speed) - lab - straight * (chord - lab)
+    return larger
