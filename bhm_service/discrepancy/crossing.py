@@ -15,6 +15,7 @@ from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.lab import Lab
 from bhm_service.discrepancy.noise import Noise
 from bhm_service.discrepancy.search import Names, Search, saturated_noise
+from bhm_service.discrepancy.valleys import fit_over_valleys
 
 
 @dataclass(slots=True)
@@ -42,7 +43,8 @@ class Witness:
         if self._bare is None:
             self._bare = fit(self.base, Noise(0.98, 0.8, self.lab.series * 0.002))
         rough = saturated_noise(self._bare, members)
-        first = fit(replace(self.base, members=members), rough)
+        joint = replace(self.base, members=members)
+        first = fit_over_valleys(joint, rough, joint.unknowns.start)
         noise = saturated_noise(first, ())
         pulls = first.joint.unknowns.pulls(first.x)[0]
         lab = self.lab.widened(lambda name: pulls[first.joint.places[name]])

@@ -22,7 +22,7 @@ from bhm_service.discrepancy.demand_side import demand_side
 from bhm_service.discrepancy.explanation import Contest, Course, Explanation, Left
 from bhm_service.discrepancy.findings import ChangePoint, EffectFound, Findings, Fit, Inferred, Quantity, Region
 from bhm_service.discrepancy.fitting import Fitted
-from bhm_service.discrepancy.flights import FlightData, LeftOut, usual_step_s
+from bhm_service.discrepancy.flights import FlightData, LeftOut
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.lab import Lab, lab_of
 from bhm_service.discrepancy.locate import locate, regime_maps, variables
@@ -33,6 +33,7 @@ from bhm_service.discrepancy.repair import flying, patched, repaired, retuned
 from bhm_service.discrepancy.search import LEAST_SNR, NATS, NEAR, STRUCTURAL, Names, Progress, Search, needed, search
 from bhm_service.discrepancy.selection import MUCH, NOTHING, Selection, select, share, taken
 from bhm_service.discrepancy.significance import familywise
+from bhm_service.discrepancy.timing import by_samples, timed
 from bhm_service.discrepancy.words import effect_in_words, left_in_words, moved_of, sentence, values_of
 from bhm_service.errors import BadInputError
 from bhm_service.units import SECONDS_PER_HOUR, Array
@@ -83,15 +84,15 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
     rng = np.random.default_rng(_SEED)
     second = _witness(request, found, flights)
     unseen = Unseen(found)
+    closer = witness(lab, Joint(lab, tuple(request.flights), (), found.base.start_sd), found.candidates)
     leftover: Left | None = None
     if request.told:
         chosen = _as_told(found, request.told, missing)
         p_values, rivals = familywise(found, chosen.names, rng), list[Contest]()
     else:
-        closer = witness(lab, Joint(lab, tuple(request.flights), (), found.base.start_sd), found.candidates)
         chosen, p_values, rivals = _significant(unseen, second, closer, rng)
         chosen, leftover = _outweighed(found, chosen, lab, request.flights)
-    fitted = found.fitted(chosen.names)
+    fitted = by_samples(found.fitted(chosen.names), closer, chosen.names)
     progress("flights that no fit saw")
     proof = held_out(unseen, chosen.names)
     progress("the course of every flight")
@@ -192,7 +193,7 @@ def _significant(
             rivals = contests(found, chosen.names, rng)
             beaten = any(c.nats < -NEAR for c in rivals)
             if not beaten and (second is None or _witnessed(second.earned(chosen.names))):
-                if _timed(closer, chosen):
+                if timed(closer, chosen.names):
                     return chosen, p_values, rivals
                 absent = frozenset({TimeSkew.id})
         refuted.append(chosen.names)
@@ -202,16 +203,6 @@ def _significant(
 def _witnessed(earned: Mapping[str, float]) -> bool:
     """Whether every member earns something with the other cell model, and what looks like structure all it has to."""
     return all(nats >= (needed(name) if name in STRUCTURAL else NEAR) for name, nats in earned.items())
-
-
-def _timed(closer: Witness, chosen: Selection) -> bool:
-    """Whether no skew is chosen that the logs' own samples do not show; half of one is a matter of any filter."""
-    skew = TimeSkew.id
-    if skew not in chosen.names:
-        return True
-    at = closer.fitted(chosen.names)
-    size = abs(float(at.x[at.joint.places[f"{skew}.skew"]][0]))
-    return size > 0.5 * usual_step_s(at.joint.flights) and closer.earned(chosen.names)[skew] >= needed(skew)
 
 
 def _outweighed(

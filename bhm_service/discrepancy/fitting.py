@@ -173,7 +173,7 @@ def fit(
     low, high, scale = unknowns.low, unknowns.high, joint.scale
     x = np.clip(unknowns.start if start is None else start, low, high)
     rows, slopes = joint.linearised(x, noise)
-    cost = bulk(rows) + float(np.sum(joint.pulls(x) ** 2))
+    cost = _cost(joint, x, rows)
     curvature = _curvature(joint, rows, slopes)
     damping = 1e-3
     for _ in range(rounds):
@@ -187,7 +187,7 @@ def fit(
             step = np.zeros(x.size)
             step[~held] = -np.linalg.solve(matrix[free], gradient[~held])
             trial = np.clip(x + scale * step, low, high)
-            gain = cost - bulk(joint.residuals(trial, noise)) - float(np.sum(joint.pulls(trial) ** 2))
+            gain = cost - cost_of(joint, trial, noise)
             if gain > 0.0 or -float(gradient @ step) < enough:
                 break
             damping = max(damping, 1e-4) * 10.0
@@ -201,6 +201,15 @@ def fit(
             break
     gradient = _gradient(joint, x, rows, slopes)
     return Fitted(joint=joint, noise=noise, x=x, cost=cost, rows=rows, curvature=curvature, gradient=gradient)
+
+
+def cost_of(joint: Problem, x: Array, noise: Noise) -> float:
+    """What a fit makes as small as it can: Huber's sum over the flights, and what was known before."""
+    return _cost(joint, x, joint.residuals(x, noise))
+
+
+def _cost(joint: Problem, x: Array, rows: Sequence[Array]) -> float:
+    return bulk(rows) + float(np.sum(joint.pulls(x) ** 2))
 
 
 def _gradient(joint: Problem, x: Array, rows: Sequence[Array], slopes: Sequence[Slopes]) -> Array:

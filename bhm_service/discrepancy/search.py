@@ -14,6 +14,7 @@ from bhm_service.discrepancy.noise import Noise, estimated
 from bhm_service.discrepancy.onset import begun
 from bhm_service.discrepancy.slopes import Slopes
 from bhm_service.discrepancy.steps import contact_candidate, episodes
+from bhm_service.discrepancy.valleys import fit_over_valleys
 from bhm_service.units import Array
 
 NATS = 10.0  # that a member of a set has to earn against the best set without it
@@ -70,7 +71,7 @@ class Search:
         if names not in self.fits:
             joint = self.joint(names)
             best = min((f.cost for f in self.fits.values()), default=None)
-            self.fits[names] = fit(joint, self.noise, _carried(joint, start), aim=best)
+            self.fits[names] = fit_over_valleys(joint, self.noise, _carried(joint, start), aim=best)
         return self.fits[names]
 
     def joint(self, names: Names) -> Joint:

@@ -1,0 +1,101 @@
+"""Voltages that are told late: a skew, what only looks like one, and by how much."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from discrepancy.flown import BATTERY, SERIES, base, catalogue, flown, searching
+
+from bhm_service.battery.cell import Modifiers
+from bhm_service.battery.dynamics import Follower
+from bhm_service.battery.effects import EFFECTS
+from bhm_service.discrepancy.crossing import witness
+from bhm_service.discrepancy.search import NATS, needed
+from bhm_service.discrepancy.selection import MUCH, select, share
+from bhm_service.discrepancy.timing import by_samples, timed
+
+FADE = frozenset({"capacity-fade"})
+SKEW = frozenset({"time-skew"})
+
+
+def told(seconds_late=0.0, relaxing=0.0, faded=0.0):
+    """Flights once a second whose voltage is told so late.
+
+    Of the ohmic drop a share relaxes within a second, which no lab at one hertz knows.
+    """
+    flights = []
+    for k in range(4):
+        data = flown([EFFECTS["capacity-fade"](fade=faded)], seed=7, number=k, samples=990, step_s=1.0, rested=False)
+        ohm = relaxing * SERIES * float(BATTERY.cell("circ").ohmic_resistance(Modifiers()))
+        slow = ohm * (data.current_a - Follower(np.diff(data.time_s), 1.0)(data.current_a))
+        volts = np.interp(data.time_s - seconds_late, data.time_s, data.voltage_v + slow)
+        flights.append(replace(data, voltage_v=volts))
+    return flights
+
+
+def over_averages(flights, *sets):
+    """A search for a skew and lost capacity with samples that were averaged to three seconds."""
+    found = searching(tuple(f.thinned(330) for f in flights), {*SKEW, *FADE})
+    for names in (frozenset(), *sets):
+        found.fitted(names)
+    return found
+
+
+def test_a_voltage_told_late_is_a_skew_by_which_it_is_late():
+    found = over_averages(told(seconds_late=1.0), SKEW)
+    assert select(found).names == SKEW
+    fitted = found.fitted(SKEW)
+    assert fitted.x[fitted.joint.places["time-skew.skew"]][0] == pytest.approx(-1.0, abs=0.2)
+
+
+@pytest.mark.parametrize("seconds_late", [1.4, 2.0])
+def test_a_skew_of_more_than_a_sample_is_found_though_its_cost_has_many_valleys(seconds_late):
+    """From no skew at all a fit ends in the first of them, with the most that it may make of the lab's own."""
+    flights = told(seconds_late=seconds_late)
+    found = over_averages(flights, SKEW)
+    over = found.fitted(SKEW)
+    assert over.x[over.joint.places["time-skew.skew"]][0] == pytest.approx(-seconds_late, abs=0.15)
+    closer = witness(base(flights).lab, base(flights), catalogue(flights, only=SKEW))
+    assert timed(closer, SKEW)
+    at = by_samples(over, closer, SKEW)
+    assert at.x[at.joint.places["time-skew.skew"]][0] == pytest.approx(-seconds_late, rel=0.02)
+
+
+def test_a_skew_is_told_from_what_relaxes_within_a_second_by_the_logs_own_samples():
+    """Of what relaxes, a part comes at once; averages of three seconds do not show which it is."""
+    skewed, relaxing = told(seconds_late=1.0), told(relaxing=0.5)
+    found = over_averages(relaxing, SKEW)
+    assert found.evidence(SKEW) > needed("time-skew")
+    chosen = select(over_averages(skewed, SKEW))
+    tried = catalogue(skewed, only=SKEW)
+    assert timed(witness(base(skewed).lab, base(skewed), tried), chosen.names)
+    assert not timed(witness(base(relaxing).lab, base(relaxing), tried), chosen.names)
+
+
+def test_a_skew_that_is_known_to_be_absent_leaves_what_explains_the_larger_part_of_it_without():
+    """What flights like far less than the skew they do not have is no explanation either."""
+    for faded, left in ((0.1, frozenset()), (0.2, FADE)):
+        found = over_averages(told(seconds_late=1.0, faded=faded), SKEW, FADE, SKEW | FADE)
+        assert found.evidence(SKEW) > found.evidence(FADE) + NATS
+        assert select(found, [SKEW]).names == SKEW | FADE
+        assert select(found, [SKEW], absent=SKEW).names == left
+
+
+def test_half_a_sample_is_a_matter_of_filters_and_no_skew():
+    """Of logs that have a sample every three seconds a second is no more than that."""
+    chosen = select(over_averages(told(seconds_late=1.0), SKEW))
+    seldom = [f.thinned(330) for f in told(seconds_late=1.0)]
+    closer = witness(base(seldom).lab, base(seldom), catalogue(seldom, only=SKEW))
+    assert closer.earned(SKEW)["time-skew"] > needed("time-skew")
+    assert not timed(closer, chosen.names)
+
+
+def test_a_slow_misfit_does_not_hide_a_skew():
+    """It is seen at few steps, at which lost capacity is off by as much: each explains its own."""
+    found = over_averages(told(seconds_late=1.0, faded=0.2), SKEW, FADE, SKEW | FADE)
+    assert select(found).names == SKEW | FADE
+    skew = [m.id == "time-skew" for m in found.joint(SKEW | FADE).members]
+    found._alone[SKEW] = found.alone(SKEW | FADE)[skew]
+    assert share(found, SKEW) > MUCH
