@@ -17,6 +17,10 @@ from bhm_service.units import Array
 _CLAIM_NATS = 16.0
 _RIVALS = 6  # beside its mimics that a member of a set is held against
 _RIVALRIES = 3  # times that the chosen set's members are held against their mimics, at most
+# Evidence from which on the flights say which of two is likelier, odds of twenty to one, and not how common they are
+# ("strong": Kass and Raftery 1995).
+_STRONG = 3.0
+_MAJORITY = 0.5  # of the evidence of a set that is refuted since an effect of it is absent
 LEAST_V = 0.001  # [V] of a cell: what adds less than this to the voltage changes nothing that anybody flies by
 _STRUCTURAL_V = 0.004  # [V] of a cell: the same for what looks like an error of the model's structure
 _BEYOND = 2.0  # times what the lab leaves open, which bends every curve: less is no other shape
@@ -51,7 +55,9 @@ NOTHING = Selection(frozenset(), (), {}, {})
 
 
 def select(found: Search, refuted: Collection[Names] = (), absent: Names = frozenset()) -> Selection:
-    """The best of the sets whose every member earns its place; among equals the simplest, the commonest, the likeliest.
+    """The best of the sets whose every member earns its place.
+
+    Among equals it is the simplest, then what the flights clearly like better, then the commonest, then the likeliest.
 
     What the flights like far less than a refuted set is only what that one leaves to be had, unless it is part of it.
     ``absent`` are effects of which it is known that they are not there: no set with one of them is the answer.
@@ -81,7 +87,7 @@ def _near(found: Search, refuted: Collection[Names], absent: Names) -> list[Name
     valid: list[Names] = []
     best, most = frozenset[str](), 0.0
     # What an absent effect only seemed to explain is of another kind, unless a set explains the larger part of it.
-    liked = max((found.evidence(r) * (0.5 if r & absent else 1.0) for r in refuted), default=0.0) - NATS
+    liked = max((found.evidence(r) * (_MAJORITY if r & absent else 1.0) for r in refuted), default=0.0) - NATS
     for names in _open(found, refuted, absent):
         nats = found.evidence(names)
         # One more member has to earn its place against the best set without it, not only against its own remainder.
@@ -98,7 +104,9 @@ def _near(found: Search, refuted: Collection[Names], absent: Names) -> list[Name
         return []
     if _beyond_physics(found, _open(found, refuted, absent), most + NATS):
         return []
-    return sorted(near, key=lambda names: (len(names), _order(names), -found.evidence(names)))
+    nats = {names: found.evidence(names) for names in near}
+    likely = {names: nats[names] > max(nats[n] for n in near if len(n) == len(names)) - _STRONG for names in near}
+    return sorted(near, key=lambda names: (len(names), not likely[names], _order(names), -nats[names]))
 
 
 def _open(found: Search, refuted: Collection[Names], absent: Names) -> list[Names]:

@@ -27,6 +27,23 @@ def both():
     return found
 
 
+@pytest.mark.parametrize(("ahead_by", "chosen"), [(2.0, "capacity-fade"), (4.0, "unseen-load")])
+def test_what_is_common_comes_first_unless_the_flights_clearly_like_another_better(ahead_by, chosen):
+    """Odds of twenty to one are clear; either way the recordings do not exclude the other."""
+    load = frozenset({"unseen-load"})
+    flights = tuple(flown([EFFECTS["unseen-load"](current=2.0)], seed=5, number=k) for k in range(4))
+    found = searching(flights, load | FADE)
+    for names in (frozenset(), load, FADE):
+        found.fitted(names)
+    lead = found.evidence(load) - found.evidence(FADE)
+    cost = found.fits[FADE].cost + 2.0 * found.inflation * (ahead_by - lead)
+    found.fits[FADE] = replace(found.fits[FADE], cost=cost)
+    assert found.evidence(load) - found.evidence(FADE) == pytest.approx(ahead_by)
+    selected = select(found)
+    assert selected.names == {chosen}
+    assert selected.alternatives == ((load | FADE) - {chosen},)
+
+
 def test_two_effects_are_chosen_together_and_explain_nearly_all(both):
     assert select(both).names == FADE | CONTACT
     assert share(both, FADE | CONTACT) > 0.9
