@@ -104,9 +104,9 @@ def _near(found: Search, refuted: Collection[Names], absent: Names) -> list[Name
         return []
     if _beyond_physics(found, _open(found, refuted, absent), most + NATS):
         return []
-    nats = {names: found.evidence(names) for names in near}
-    likely = {names: nats[names] > max(nats[n] for n in near if len(n) == len(names)) - _STRONG for names in near}
-    return sorted(near, key=lambda names: (len(names), not likely[names], _order(names), -nats[names]))
+    of = {names: found.evidence(names) for names in near}
+    likely = {names: of[names] > max(of[n] for n in near if len(n) == len(names)) - _STRONG for names in near}
+    return sorted(near, key=lambda names: (len(names), not likely[names], _order(names), -of[names]))
 
 
 def _open(found: Search, refuted: Collection[Names], absent: Names) -> list[Names]:
