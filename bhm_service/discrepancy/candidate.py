@@ -110,6 +110,11 @@ class Candidate:
         own = tuple(u for u in self.unknowns if u.effect == self.id)
         return replace(self, parts=self.parts[:1], unknowns=own, inferred=())
 
+    def shown_beside(self, names: frozenset[str]) -> bool:
+        """Whether it changes anything beside these members."""
+        by = EFFECTS[self.id].shown_by
+        return bool(self.inferred) or not by or not names.isdisjoint(by)
+
     def amplitudes(self) -> list[Unknown]:
         """The unknowns that make it vanish."""
         return [u for u in self.unknowns if u.declared.absent is not None]
@@ -187,8 +192,6 @@ def candidates(
         if kind.supplies and set(kind.supplies) <= known:
             missing.append(NotExcited(kind.id, f"{' and '.join(kind.supplies)} is recorded"))
             continue
-        if kind.shown_by and not needed:
-            continue  # joins with what shows it
         found.append(_candidate(kind, tuple(carriers), tuple(needed), flights, known, model, pack_wh, joined))
     return found, missing
 

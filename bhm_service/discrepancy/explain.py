@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bhm_service.battery.battery_file import BatteryFile, ModelName
+from bhm_service.battery.effects import EFFECTS
 from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.config import Vehicle
 from bhm_service.discrepancy import verdict
@@ -102,6 +103,8 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
         for c in tried
         if not c.inferred and found.snr.get(c.id, LEAST_SNR) < LEAST_SNR
     ]
+    unshown = [c.id for c in tried if c.id not in found.snr]
+    dull += [NotExcited(name, f"shows only beside {' or '.join(EFFECTS[name].shown_by)}") for name in unshown]
     rivals = rivals if chosen.names else []
     judged = verdict.judge(found, chosen, fitted, courses, rivals, leftover)
     findings = _findings(found, chosen, fitted, courses, proof, rivals, p_values, judged)

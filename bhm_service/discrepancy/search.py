@@ -99,9 +99,10 @@ class Search:
         return self._alone[names]
 
     def gains(self, names: Names) -> dict[str, float]:
-        """What each other candidate is expected to add to a set's evidence, by one linear step. [nats]"""
+        """What each other candidate that shows is expected to add to a set's evidence, by one linear step. [nats]"""
         at = self.fitted(names)
-        return {c.id: _linear_gain(at, self.joint(names | {c.id}), c) for c in self.candidates if c.id not in names}
+        others = [c for c in self.candidates if c.id not in names and c.shown_beside(names)]
+        return {c.id: _linear_gain(at, self.joint(names | {c.id}), c) for c in others}
 
     @property
     def inflation(self) -> float:
@@ -127,7 +128,15 @@ class Search:
 
 
 def _by_members(at: Fitted) -> Array:
-    return np.concatenate([p.members for p in at.joint.all_predicted(at.x[None, :])], axis=1)
+    """What each member adds; what shows only beside another is its own, and not a part of that one as well."""
+    parts = np.concatenate([p.members for p in at.joint.all_predicted(at.x[None, :])], axis=1)
+    names = [member.id for member in at.joint.members]
+    for own, member in zip(parts, at.joint.members, strict=True):
+        if not member.shown_beside(frozenset()):
+            for shows in (k for k, name in enumerate(names) if member.shown_beside(frozenset({name}))):
+                parts[shows] -= own
+                break
+    return parts
 
 
 def _carried(joint: Joint, start: Fitted | None) -> Array:
@@ -252,9 +261,11 @@ def search(base: Joint, candidates: Sequence[Candidate], progress: Progress = la
     progress("one effect at a time")
     found = Search(base, tuple(candidates), noise)
     at = found.fitted(frozenset(), start)
-    found.snr = {c.id: expected_snr(at, found.joint(frozenset({c.id})), c) for c in candidates}
-    found.candidates = tuple(c for c in candidates if found.snr[c.id] > _TRIED_SNR or c.inferred)
+    alone = [c for c in candidates if c.shown_beside(frozenset())]
+    found.snr = {c.id: expected_snr(at, found.joint(frozenset({c.id})), c) for c in alone}
+    found.candidates = tuple(c for c in alone if found.snr[c.id] > _TRIED_SNR or c.inferred)
     _grow(found, depth=1, progress=progress)
+    _join_shown(found, [c for c in candidates if c not in alone])
     best = found.fits[_largest(found)]
     steps = episodes(best)
     contacts = [contact_candidate(steps, len(base.flights))] if steps else []
@@ -272,6 +283,15 @@ def search(base: Joint, candidates: Sequence[Candidate], progress: Progress = la
         again.fitted(names, found.fits[names])
     _grow(again, depth=_DEPTH, progress=progress)
     return again
+
+
+def _join_shown(found: Search, candidates: Sequence[Candidate]) -> None:
+    """Let what shows only beside others join the search where the best effect shows it."""
+    best = found.ranked()[0]
+    for c in candidates:
+        if c.shown_beside(best):
+            found.candidates += (c,)
+            found.snr[c.id] = expected_snr(found.fits[best], found.joint(best | {c.id}), c)
 
 
 def _largest(found: Search) -> Names:

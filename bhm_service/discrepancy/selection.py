@@ -116,9 +116,9 @@ def _open(found: Search, refuted: Collection[Names], absent: Names) -> list[Name
 
 def _swaps(found: Search, names: Names) -> None:
     """Each member against its mimics and against what looks best beside the others: the beam has met few of these."""
-    there = {c.id for c in found.candidates}
     for member in sorted(names):
         others = names - {member}
+        there = {c.id for c in found.candidates if c.shown_beside(others)}
         rivals = [other for other in EFFECTS[member].mimics if other in there]
         if others:
             gains = found.gains(others)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from discrepancy.flown import BATTERY, SIZES, base, catalogue, flown, four, noise_model
+from discrepancy.flown import AMBIENT_K, BATTERY, SIZES, base, catalogue, flown, four, noise_model
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.explain import Request, explain
-from bhm_service.discrepancy.search import Search, saturated_noise, search
-from bhm_service.discrepancy.selection import select
+from bhm_service.discrepancy.search import Search, needed, saturated_noise, search
+from bhm_service.discrepancy.selection import select, share
 
 FLOWN = [*((name, "circ") for name in SIZES), ("resistance-growth", "chem")]
 
@@ -36,6 +36,41 @@ def test_what_stands_beside_a_larger_effect_is_not_taken_for_an_error_of_the_lab
     found = search(base(flights), tried)
     assert max(found.base.lab.widening.values()) < 1.5
     assert select(found).names == {"capacity-fade", "slow-diffusion"}
+
+
+CORE, WARMTH = "core-lag", "resistance-temperature"
+
+
+def warm(*effects):
+    """Four flights in all weathers with the pack's temperature logged, and what is tried of cores and warmth."""
+    flights = tuple(flown(effects, seed=8, number=k, kelvin=kelvin) for k, kelvin in enumerate(AMBIENT_K))
+    return flights, catalogue(flights, only={CORE, WARMTH})
+
+
+def sized(fitted, name):
+    """A number of a fit, as the catalogue declares it."""
+    return fitted.joint.values(fitted.x[None, :])[name][0, 0]
+
+
+def test_what_shows_only_beside_another_is_tried_beside_it():
+    """A core that is warmer than its sensor changes nothing but what the warmth does."""
+    effects = [EFFECTS[WARMTH](activation_energy=25e3), EFFECTS[CORE](thermal_resistance=1.5, time_constant=200.0)]
+    flights, tried = warm(*effects)
+    found = search(base(flights), tried)
+    both = frozenset({CORE, WARMTH})
+    assert select(found).names == both
+    assert found.earned(both)[CORE] > needed(CORE)
+    energy = {names: sized(found.fitted(names), f"{WARMTH}.activation_energy") for names in (both, both - {CORE})}
+    assert 0.0 < 25.0 - energy[both] < 0.6 * (25.0 - energy[both - {CORE}])
+    # What the warmer core adds is not counted as the warmth's a second time.
+    assert share(found, both) > 0.9
+
+
+def test_what_shows_only_beside_another_is_not_tried_without_it():
+    flights, tried = warm(EFFECTS["contact-resistance"](resistance=0.02))
+    found = search(base(flights), [*tried, *catalogue(flights, only={"contact-resistance"})])
+    assert CORE not in found.snr
+    assert not any(CORE in names for names in found.fits)
 
 
 def missing(name, **sizes):
