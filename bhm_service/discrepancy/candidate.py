@@ -28,6 +28,7 @@ _SCALES = {
 # not told from a temperature that is made to fit.
 _SHOWS = {"temperature": "resistance-temperature"}
 _FINEST = 0.25  # times what is declared: how alike flights may be expected to be in what differs between them
+_OPEN = 10.0  # times what is declared: nothing that flights show is pulled by what was expected any more
 _SCALE_NATS = 1.0  # that a scale costs which the flights themselves gave
 
 
@@ -100,6 +101,19 @@ class Candidate:
 
         unknowns = tuple(scaled(u) for u in self.unknowns)
         return self if unknowns == self.unknowns else replace(self, unknowns=unknowns, price=self.price + _SCALE_NATS)
+
+    def unexpected(self) -> Candidate:
+        """The same with hardly anything known of its size beforehand.
+
+        As it is where it has several sizes, or is driven by what nobody recorded: the flights do not tell these apart.
+        """
+        sizes = self.amplitudes()
+        if len(sizes) != 1 or sizes[0].per_flight or self.inferred:
+            return self
+        (size,) = sizes
+        mean, sd = size.prior
+        open_ = replace(size, prior=(mean, _OPEN * sd))
+        return replace(self, unknowns=tuple(open_ if u is size else u for u in self.unknowns))
 
     def on(self, flights: Sequence[int]) -> Candidate:
         """The same for some of the flights."""
@@ -191,6 +205,10 @@ def candidates(
             continue
         if kind.supplies and set(kind.supplies) <= known:
             missing.append(NotExcited(kind.id, f"{' and '.join(kind.supplies)} is recorded"))
+            continue
+        if kind.shown_by and not needed and not identified:
+            # What stands beside an inexact equation would mend what another pack's battery file gets wrong.
+            missing.append(NotExcited(kind.id, "the battery file is not of this pack: too fine a difference to be told"))
             continue
         found.append(_candidate(kind, tuple(carriers), tuple(needed), flights, known, model, pack_wh, joined))
     return found, missing

@@ -21,7 +21,7 @@ from bhm_service.discrepancy.crossing import Witness, witness
 from bhm_service.discrepancy.decoys import contests
 from bhm_service.discrepancy.demand_side import demand_side
 from bhm_service.discrepancy.explanation import Contest, Course, Explanation, Left
-from bhm_service.discrepancy.findings import ChangePoint, EffectFound, Findings, Fit, Inferred, Quantity, Region
+from bhm_service.discrepancy.findings import ChangePoint, EffectFound, Findings, Fit, Inferred, Region
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.flights import FlightData, LeftOut
 from bhm_service.discrepancy.joint import Joint
@@ -29,6 +29,7 @@ from bhm_service.discrepancy.lab import Lab, lab_of
 from bhm_service.discrepancy.locate import locate, regime_maps, variables
 from bhm_service.discrepancy.onset import first_flight
 from bhm_service.discrepancy.patterns import Pattern, telling
+from bhm_service.discrepancy.quantities import measured, parameters
 from bhm_service.discrepancy.recurring import recurring
 from bhm_service.discrepancy.repair import flying, patched, repaired, retuned
 from bhm_service.discrepancy.search import LEAST_SNR, NATS, NEAR, STRUCTURAL, Names, Progress, Search, needed, search
@@ -44,7 +45,6 @@ _SAMPLES = 800  # of a flight that the search looks at: neighbours say the same 
 _SEED = 1
 _MOST_REFUTED = 8  # sets that are put to the test, the best first
 _SIGNIFICANT = 0.02  # over the whole catalogue
-_MEANS = 0.08  # of an effect's size: no equation of a whole pack means its number more closely
 _DRAWS = 24  # of the posterior, for the band of a hidden state
 _CELL_V = 3.7  # [V] for the energy of a pack
 
@@ -93,7 +93,9 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
     else:
         chosen, p_values, rivals = _significant(unseen, second, closer, rng)
         chosen, leftover = _outweighed(found, chosen, lab, request.flights)
-    fitted = by_samples(found.fitted(chosen.names), closer, chosen.names)
+    models: list[Search | Witness] = [found] if second is None or not chosen.names else [found, second]
+    fits = [by_samples(measured(model.fitted(chosen.names)), closer, chosen.names) for model in models]
+    fitted = fits[0]
     progress("flights that no fit saw")
     proof = held_out(unseen, chosen.names)
     progress("the course of every flight")
@@ -107,10 +109,9 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
     dull += [NotExcited(name, f"shows only beside {' or '.join(EFFECTS[name].shown_by)}") for name in unshown]
     rivals = rivals if chosen.names else []
     judged = verdict.judge(found, chosen, fitted, courses, rivals, leftover)
-    findings = _findings(found, chosen, fitted, courses, proof, rivals, p_values, judged)
+    findings = _findings(found, chosen, fits, courses, proof, rivals, p_values, judged)
     battery = None
     if chosen.names:
-        fits = [fitted] if second is None else [fitted, second.fitted(chosen.names)]
         battery = repaired(request.battery, fits, f"repaired by bhm explain: {', '.join(sorted(chosen.names))}")
     elif judged.verdict == "parameter":
         battery = retuned(request.battery, fitted)
@@ -262,13 +263,14 @@ def _draws(fitted: Fitted) -> Array:
 def _findings(
     found: Search,
     chosen: Selection,
-    fitted: Fitted,
+    fits: Sequence[Fitted],
     courses: Sequence[Course],
     proof: HeldOut | None,
     rivals: Sequence[Contest],
     p_values: dict[str, float],
     judged: verdict.Judged,
 ) -> Findings:
+    fitted, *others = fits
     before = _rms([c.flight.voltage_v - c.before_v for c in courses])
     after = _rms([c.flight.voltage_v - c.after_v for c in courses])
     explained = max(1.0 - (after / max(before, 1e-9)) ** 2, 0.0)
@@ -277,7 +279,7 @@ def _findings(
     effects = [
         EffectFound(
             id=member.id,
-            parameters=parameters(fitted, member.id),
+            parameters=parameters(fitted, member.id, others),
             evidence_nats=float(chosen.earned[member.id]),
             p_familywise=p_values[member.id],
             share_of_misfit=float(explained * chosen.added_v[member.id] ** 2 / power),
@@ -324,24 +326,6 @@ def _findings(
 
 def _rms(parts: Sequence[Array]) -> float:
     return float(np.sqrt(np.nanmean(np.concatenate(parts) ** 2)))
-
-
-def parameters(fitted: Fitted, name: str) -> dict[str, Quantity]:
-    """The numbers of one member, those of a flight by its number; in the units of the catalogue."""
-    values = fitted.joint.values(fitted.x[None, :])
-    found: dict[str, Quantity] = {}
-    member = next(m for m in fitted.joint.members if m.id == name)
-    for u in member.unknowns:
-        sd = fitted.sd(u.name)
-        if u.log:
-            sd = sd * values[u.name][0]
-        if u.declared.absent is not None:
-            sd = np.hypot(sd, _MEANS * (values[u.name][0] - u.declared.absent))
-        own = u.declared.name if u.effect == name else f"{u.effect}.{u.declared.name}"
-        for k, value in enumerate(values[u.name][0]):
-            key = f"{own}[{fitted.joint.flights[k].label}]" if u.per_flight else own
-            found[key] = Quantity(value=float(value), sd=float(sd[k]), unit=u.declared.unit)
-    return found
 
 
 def _change_points(fitted: Fitted) -> list[ChangePoint]:

@@ -18,7 +18,7 @@ from bhm_service.units import Array
 
 _ID = "intermittent-contact"
 _GRID_S = 4.0  # between the times that are tried first
-_SHORTEST_S = 20.0  # of an episode
+_SHORTEST_S, _FEWEST = 20.0, 5  # of an episode, and its samples: two or three of an averaged recording are one peak
 _EPISODES = 3  # in one flight, at most
 _NATS = 12.0  # that an episode has to earn beyond the price of the search
 
@@ -44,7 +44,8 @@ def _in_flight(fitted: Fitted, flight: int) -> list[Episode]:
     data = fitted.joint.flights[flight]
     count = data.time_s.size
     e = np.clip(fitted.rows[flight][:count], -6.0, 6.0).copy()
-    step = max(round(_GRID_S / float(np.median(np.diff(data.time_s)))), 1)
+    step_s = float(np.median(np.diff(data.time_s)))
+    step, shortest_s = max(round(_GRID_S / step_s), 1), max(_SHORTEST_S, _FEWEST * step_s)
     starts = np.flatnonzero(data.airborne)[::step]
     if starts.size < 4:
         return []
@@ -59,7 +60,7 @@ def _in_flight(fitted: Fitted, flight: int) -> list[Episode]:
     price = 2.0 * np.log(starts.size)
     for _ in range(_EPISODES):
         score = shapes @ e
-        gains, sizes = _pairs(score, gram, times)
+        gains, sizes = _pairs(score, gram, times, shortest_s)
         first, last = np.unravel_index(int(np.argmax(gains)), gains.shape)
         nats = float(gains[first, last]) - price
         if nats < _NATS:
@@ -81,7 +82,7 @@ def _nuisance(fitted: Fitted, flight: int, count: int) -> Array:
     return np.asarray((slope @ vectors[:, strong] / np.sqrt(values[strong])).T)
 
 
-def _pairs(score: Array, gram: Array, times: Array) -> tuple[Array, Array]:
+def _pairs(score: Array, gram: Array, times: Array, shortest_s: float) -> tuple[Array, Array]:
     """Gain [nats] and size of every episode (begin, end); the last end is 'to the end of the recording'."""
     count = score.size
     ends = np.append(score, 0.0)
@@ -89,7 +90,7 @@ def _pairs(score: Array, gram: Array, times: Array) -> tuple[Array, Array]:
     wide[:count, :count] = gram
     numerator = score[:, None] - ends[None, :]
     power = np.diag(gram)[:, None] + np.diag(wide)[None, :] - 2.0 * wide[:count, :]
-    long_enough = times[None, :] - times[:count, None] >= _SHORTEST_S
+    long_enough = times[None, :] - times[:count, None] >= 0.999 * shortest_s
     power = np.where(long_enough & (power > 1e-9) & (numerator > 0.0), power, np.inf)
     return 0.5 * numerator**2 / power, numerator / power
 

@@ -112,3 +112,11 @@ def test_a_temperature_that_nobody_recorded_is_looked_for_where_it_shows_first()
     tried, missing = candidates(blind, "circ", WH)
     assert felt & {c.id for c in tried} == {"resistance-temperature"}
     assert "needs a recorded temperature" in next(m.because for m in missing if m.id == "cold-capacity")
+
+
+@pytest.mark.parametrize("identified", [True, False])
+def test_how_warm_the_core_is_is_asked_only_of_the_pack_that_the_battery_file_is_of(identified):
+    """What stands beside an inexact law of temperature would mend what the file of another pack gets wrong."""
+    tried, missing = candidates(four("resistance-temperature"), "circ", WH, identified=identified)
+    assert ("core-lag" in {c.id for c in tried}) is identified
+    assert ("core-lag" in {m.id for m in missing}) is not identified

@@ -43,6 +43,12 @@ def test_an_episode_is_found_within_ten_seconds_in_its_flight_and_no_other(bad, 
     assert not found[0].open_end
 
 
+def test_two_or_three_samples_of_an_averaged_recording_are_no_episode():
+    """Of samples that are 15 s apart they may be one peak of the current."""
+    found = episodes(fit(base([f.thinned(70) for f in three(1, 400.0, 430.0, 25.0)]), NOISE))
+    assert all(e.end_s - e.begin_s > 70.0 for e in found)
+
+
 def test_a_contact_that_stays_bad_has_no_end():
     (found,) = episodes(fit(base(three(1, 500.0, 1e6)), NOISE))
     assert found.begin_s == pytest.approx(500.0, abs=10.0)

@@ -1,0 +1,60 @@
+"""What the numbers of an effect may be off by."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from discrepancy.flown import catalogue, flown, four, noise_model, with_members
+
+from bhm_service.battery.effects import EFFECTS
+from bhm_service.discrepancy.fitting import fit
+from bhm_service.discrepancy.quantities import measured, parameters
+
+FADE, LOAD = "capacity-fade", "unseen-load"
+
+
+@pytest.fixture(scope="module")
+def faded():
+    """A fit of four flights of a pack that has lost a tenth."""
+    return fit(with_members(four(FADE, seed=2), {FADE}), noise_model())
+
+
+def moved(fitted, step):
+    """The fit of another model that puts the lost capacity that far from there."""
+    x = fitted.x.copy()
+    x[fitted.joint.places[f"{FADE}.fade"]] += step
+    return replace(fitted, x=x)
+
+
+def test_two_models_of_the_cell_are_two_halves_of_what_is_known(faded):
+    """The spread is that of draws from both, about what the first one says."""
+    alone = parameters(faded, FADE)["fade"]
+    both = parameters(faded, FADE, [moved(faded, 0.03)])["fade"]
+    assert both.value == alone.value
+    rng = np.random.default_rng(1)
+    drawn = rng.normal(np.where(rng.random(200_000) < 0.5, 0.0, 0.03), alone.sd)
+    assert both.sd == pytest.approx(float(np.sqrt(np.mean(drawn**2))), rel=0.01)
+
+
+def test_models_of_the_cell_that_agree_add_nothing(faded):
+    alone, both = parameters(faded, FADE), parameters(faded, FADE, [moved(faded, 0.0)])
+    assert both == alone
+
+
+def test_what_was_found_is_as_large_as_the_flights_say_and_not_as_expected():
+    """Loads past the sensor are expected to be of 1.2 A, give or take 0.8 A; here it is of 4 A."""
+    flights = [flown([EFFECTS[LOAD](current=4.0)], seed=2, number=k, rested=False) for k in range(4)]
+    found = fit(with_members(flights, {LOAD}), noise_model())
+    as_expected, as_measured = parameters(found, LOAD)["current"], parameters(measured(found), LOAD)["current"]
+    assert as_expected.value < 3.0
+    assert as_measured.value == pytest.approx(4.0, rel=0.05)
+
+
+@pytest.mark.parametrize("name", ["weak-cell", "resistance-temperature"])
+def test_what_flights_cannot_tell_apart_stays_as_expected(name):
+    """How much capacity one cell has lost and how much resistance it has; how cold it was and what the cold does."""
+    (candidate,) = catalogue(four(seed=2), only={name})
+    assert len(candidate.amplitudes()) > 1 or candidate.inferred
+    assert candidate.unexpected() is candidate
