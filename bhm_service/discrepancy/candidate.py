@@ -208,7 +208,7 @@ def candidates(
             continue
         if kind.shown_by and not needed and not identified:
             # What stands beside an inexact equation would mend what another pack's battery file gets wrong.
-            missing.append(NotExcited(kind.id, "the battery file is not of this pack: too fine a difference to be told"))
+            missing.append(NotExcited(kind.id, "the battery file is not of this pack: too fine to be told"))
             continue
         found.append(_candidate(kind, tuple(carriers), tuple(needed), flights, known, model, pack_wh, joined))
     return found, missing
