@@ -58,6 +58,10 @@ class CellModel(Protocol):
         """Terminal voltage before the drop that follows the current at once. [V]"""
         ...
 
+    def polarisation(self, state: tuple[Value, ...], by: Modifiers) -> Value:
+        """What ``emf`` is below the voltage at rest. [V]"""
+        ...
+
     def series_resistance(self, by: Modifiers) -> Value:
         """Resistance whose drop follows the current at once. [Ohm]"""
         ...

@@ -114,6 +114,9 @@ class Chem:
         soc, gradient, v_o, v_p, v_n = state
         return self._equilibrium(self._surface(soc, gradient)) - v_o - v_p - v_n
 
+    def polarisation(self, state: tuple[Value, ...], by: Modifiers) -> Value:
+        return self.open_circuit(state[0]) - self.emf(state, by)
+
     def _equilibrium(self, x_s: Value) -> Value:
         """V_U,p - V_U,n [V] of the surfaces (A.21), x_s that of the negative electrode."""
         return nernst(x_s) + horner(self._powers, 2.0 * x_s - 1.0)

@@ -62,6 +62,9 @@ class Circ:
     def emf(self, state: tuple[Value, ...], by: Modifiers) -> Value:
         return self.ocv.voltage(state[0]) - state[1]
 
+    def polarisation(self, state: tuple[Value, ...], by: Modifiers) -> Value:
+        return state[1]
+
     def series_resistance(self, by: Modifiers) -> Value:
         return self.r_s * by.resistance
 

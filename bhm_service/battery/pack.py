@@ -19,9 +19,13 @@ from bhm_service.units import REFERENCE_TEMPERATURE_K, Array, Flags, Value
 States = tuple[Value, ...]
 _COLDEST_K, _HOTTEST_K = 220.0, 400.0  # a temperature that is a state is held where the equations mean something
 # Feedback is swept over windows of a recording until it stands still; windows grow while that is quick.
-_WINDOW_S = 240.0
-_FEW_SWEEPS, _MOST_SWEEPS = 4, 10
+_WINDOW_S = 600.0
+_FEW_SWEEPS, _MOST_SWEEPS = 4, 14
 _SWEEP_TOLERANCE = 1e-10  # of a state's size: with temperatures 3e-8 K, which is below a nanovolt
+# Likewise of what is only compared with a run that it hardly differs from: a thousandth of what a step of differences
+# does to a temperature.
+_NEAR_TOLERANCE = 1e-6
+_NEAR_WINDOW_S = 240.0  # of many such runs: what is swept should fit a processor's cache
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +66,7 @@ class PackModel:
         self._adding = self._with("extra_voltage")
         self._resisting = self._with("series_resistance")
         self._sensing = self._with("measured_voltage")
-        self._feedback = any(effect.feedback for effect in self.effects)
+        self.has_feedback = any(effect.feedback for effect in self.effects)
 
     def _with(self, hook: str) -> list[tuple[Effect, slice]]:
         return [(e, where) for e, where in self._slices if hook in e.own_hooks]
@@ -173,7 +177,7 @@ class PackModel:
         ends = [*cell, *start[n:]]
         if self._moving:
             losses: Value = 0.0
-            if self._feedback:
+            if self.has_feedback:
                 before = (*map(solver.begin, start[:n], cell), *before[n:])
                 losses = self._losses(before, begin, known, by)
             interval = Interval(begin, end, by, before[0], known, losses, self.cell)
@@ -184,7 +188,7 @@ class PackModel:
     def _losses(self, states: States, cell_current: Value, known: Value, by: Modifiers) -> Value:
         cell = states[: self._n_cell]
         instant = cell_current * self.cell.series_resistance(by)
-        drop = self.cell.open_circuit(cell[0]) - self.cell.emf(cell, by) + instant
+        drop = self.cell.polarisation(cell, by) + instant
         losses = self.series * self.parallel * cell_current * drop
         if self._heating:
             now = self._instant(states, cell_current, known, by)
@@ -262,6 +266,7 @@ class PackModel:
         current_a: Array,
         soc: Value,
         temperature_k: Array | None = None,
+        near: States | None = None,
     ) -> Simulation:
         """Run along a recording, open loop, from rest.
 
@@ -271,14 +276,15 @@ class PackModel:
         current_a : array (..., T)   measured pack current, straight between samples. [A]
         soc : float or array (..., 1)   state of charge assumed at the first sample.
         temperature_k : array (..., T) or None   of the pack. [K]
+        near : states (..., T)       of runs that these differ from by steps of differences: where feedback starts.
 
         Parameters of the cell and of the effects may carry leading axes as well, then with a last axis of one.
         """
         start = self.start(soc)
         dt, begin, end = np.diff(time_s), current_a[..., :-1], current_a[..., 1:]
         temperature = None if temperature_k is None else temperature_k[..., 1:]
-        if self._feedback:
-            ends = self._swept(dt, start, begin, end, temperature)
+        if self.has_feedback:
+            ends = self._swept(dt, start, begin, end, temperature, near)
         else:
             ends = self._advance(Course(dt), start, start, begin, end, temperature)
         states = tuple(_from_start(s, e, time_s.shape[-1]) for s, e in zip(start, ends, strict=True))
@@ -286,40 +292,55 @@ class PackModel:
         known = self._known(states, temperature_k)
         return Simulation(voltage=voltage, soc=states[0], temperature=known, states=states)
 
-    def _swept(self, dt: Array, start: States, begin: Array, end: Array, temperature: Array | None) -> States:
+    def _swept(
+        self, dt: Array, start: States, begin: Array, end: Array, temperature: Array | None, near: States | None
+    ) -> States:
         """States at the ends of all intervals where they act on what moves them, window by window."""
         longest = dt.max(axis=tuple(range(dt.ndim - 1)))
         elapsed = np.cumsum(longest)
+        per_ampere = -1.0 / self.capacity_c
         pieces: list[States] = []
-        low, width = 0, _WINDOW_S
+        low, width = 0, _WINDOW_S if near is None else _NEAR_WINDOW_S
         while low < elapsed.size:
             since = elapsed[low] - longest[low]
             high = max(int(np.searchsorted(elapsed, since + width, side="right")), low + 1)
             window = slice(low, high)
+            solver = Course(dt[..., window])
+            flows = begin[..., window], end[..., window]
             known = None if temperature is None else temperature[..., window]
-            ends, sweeps = self._settled(Course(dt[..., window]), start, begin[..., window], end[..., window], known)
+            if near is None:
+                counted = solver.counter(start[0], flows[0] * per_ampere, flows[1] * per_ampere)
+                before: States = (solver.begin(start[0], counted), *start[1:])
+            else:
+                before = tuple(np.asarray(state)[..., window] for state in near)
+            tolerance = _SWEEP_TOLERANCE if near is None else _NEAR_TOLERANCE
+            ends, sweeps = self._settled(solver, start, before, *flows, known, tolerance)
             if sweeps > _MOST_SWEEPS and high - low > 1:
                 width *= 0.5
                 continue
             pieces.append(ends)
             start = tuple(np.asarray(e)[..., -1:] for e in ends)
             low = high
-            if sweeps <= _FEW_SWEEPS:
+            if sweeps <= _FEW_SWEEPS and near is None:
                 width *= 2.0
         return tuple(np.concatenate(state, axis=-1) for state in zip(*pieces, strict=True))
 
     def _settled(
-        self, solver: Course, start: States, begin: Array, end: Array, temperature: Array | None
+        self,
+        solver: Course,
+        start: States,
+        before: States,
+        begin: Array,
+        end: Array,
+        temperature: Array | None,
+        tolerance: float,
     ) -> tuple[States, int]:
         """States at the ends of a window's intervals, and the sweeps it took; one too many: it did not settle."""
-        per_ampere = -1.0 / self.capacity_c
-        counted = solver.counter(start[0], begin * per_ampere, end * per_ampere)
-        before = (solver.begin(start[0], counted), *start[1:])
         acting = (0, *range(self._n_cell, len(start)))  # what modifiers and heat are taken from
         for sweep in range(1, _MOST_SWEEPS + 1):
             ends = self._advance(solver, start, before, begin, end, temperature)
             previous, before = before, tuple(map(solver.begin, start, ends))
-            if all(_close(previous[k], before[k]) for k in acting):
+            if all(_close(previous[k], before[k], tolerance) for k in acting):
                 return ends, sweep
         return ends, _MOST_SWEEPS + 1
 
@@ -338,6 +359,6 @@ def _from_start(start: Value, ends: Value, length: int) -> Array:
     return joined
 
 
-def _close(previous: Value, now: Value) -> bool:
-    off = np.abs(previous - now) > _SWEEP_TOLERANCE * (1.0 + np.abs(now))  # not a number counts as settled
+def _close(previous: Value, now: Value, tolerance: float) -> bool:
+    off = np.abs(previous - now) > tolerance * (1.0 + np.abs(now))  # not a number counts as settled
     return not np.any(off)

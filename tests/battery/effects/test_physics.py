@@ -129,6 +129,22 @@ def test_strong_feedback_still_settles_to_what_steps_give(cell):
     np.testing.assert_allclose([s[-1] for s in whole.states], states, rtol=1e-8, atol=1e-9)
 
 
+@BOTH
+def test_a_step_of_differences_begins_where_it_differs_from_and_says_the_same(cell):
+    """The derivative by the air's temperature, from a run of its own and from one that starts beside the other."""
+
+    def cold(ambient):
+        heating = fx.SelfHeating(heat_capacity=400.0, conductance=1.0, ambient=ambient)
+        return PackModel(cell, N, 1.0, [fx.ResistanceTemperature(activation_energy=24e3), heating])
+
+    step = 0.01
+    here, there = (cold(275.0 + by).simulate(T, STEADY, 0.95) for by in (0.0, step))
+    beside = cold(275.0 + step).simulate(T, STEADY, 0.95, near=here.states)
+    slopes = [(run.voltage - here.voltage) / step for run in (there, beside)]
+    np.testing.assert_allclose(slopes[1], slopes[0], atol=2e-3 * np.abs(slopes[0]).max())
+    assert np.abs(slopes[0]).max() > 0.005
+
+
 def test_entropy_moves_the_resting_voltage_and_heats():
     entropy = fx.EntropicVoltage(slope=-0.3e-3)
     rest = np.zeros(T.size)
