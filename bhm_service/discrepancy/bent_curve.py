@@ -12,6 +12,7 @@ from bhm_service.discrepancy.lab import BEND_SOC, Lab
 
 _CHANCE = 1e-3  # over the whole curve, that a lab is off by as much
 _FAR = float(norm.isf(0.5 * _CHANCE / BEND_SOC.size))  # standard deviations
+_PEAK = 2.0  # times what a model is off by on average: somewhere every model is off by as much
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,4 +29,5 @@ def bent_curve(fitted: Fitted, lab: Lab) -> BentCurve | None:
         return None
     bends = fitted.x[fitted.joint.places["lab_bends"]]
     at = int(np.argmax(np.abs(bends)))
-    return BentCurve(float(BEND_SOC[at]), float(bends[at])) if abs(bends[at]) > _FAR * lab.bend_sd_v else None
+    least_v = max(_FAR * lab.bend_sd_v, _PEAK * lab.voltage_error_v)
+    return BentCurve(float(BEND_SOC[at]), float(bends[at])) if abs(bends[at]) > least_v else None

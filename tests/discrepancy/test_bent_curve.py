@@ -49,5 +49,12 @@ def test_what_a_lab_may_be_off_by_is_left_to_it(cell_v):
     assert bent_curve(bumped(cell_v).fitted(frozenset()), LAB) is None
 
 
+def test_what_a_poor_model_is_off_by_somewhere_is_that_models():
+    """A bump of 35 mV says nothing where the lab's own recordings are followed to 20 mV."""
+    found = bumped(0.035).fitted(frozenset())
+    assert bent_curve(found, LAB) is not None
+    assert bent_curve(found, replace(LAB, voltage_error_v=0.020)) is None
+
+
 def test_of_a_pack_that_no_lab_has_seen_nothing_is_said():
     assert bent_curve(bumped(0.035).fitted(frozenset()), replace(LAB, identified=False)) is None
