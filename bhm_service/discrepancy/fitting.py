@@ -14,9 +14,11 @@ from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.noise import Noise
 from bhm_service.discrepancy.slopes import Slopes, parted
 from bhm_service.identification.unknowns import Unknowns
-from bhm_service.units import Array
+from bhm_service.units import Array, Flags
 
-_CLOSE, _CLOSE_SHARE = 0.1, 0.01  # of the cost, and of what it is beyond its aim: smaller gains end a fit
+_CLOSE, _CLOSE_SHARE = 0.1, 0.03  # of the cost, and of what it is beyond its aim: smaller gains end a fit
+_DAMPING, _EASED, _LEAST_DAMPING = 1e-3, 1e-4, 1e-6  # at first, before it is raised, and at last; of the curvature
+_TRIES = 6  # of a step, each shorter than the one before
 _FAR = 3.0  # standard deviations: beyond, an innovation counts by its size, not by its square
 
 
@@ -163,6 +165,7 @@ def fit(
 ) -> Fitted[ProblemT]:
     """Maximum a posteriori by damped Gauss-Newton inside the bounds.
 
+    The damping follows how much of what a step was expected to gain it does gain (Nielsen 1999, IMM-REP-1999-05).
     ``moving`` names the blocks that move. What is far from the cost ``aim``, by default that of noise alone, is not
     looked at closely: it will not be the answer.
     """
@@ -174,33 +177,52 @@ def fit(
     x = np.clip(unknowns.start if start is None else start, low, high)
     rows, slopes = joint.linearised(x, noise)
     cost = _cost(joint, x, rows)
-    curvature = _curvature(joint, rows, slopes)
-    damping = 1e-3
+    curvature, gradient = _curvature(joint, rows, slopes), _gradient(joint, x, rows, slopes)
+    damping = _DAMPING
     for _ in range(rounds):
-        gradient = _gradient(joint, x, rows, slopes)
         held = still | ((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0))
-        free = np.ix_(~held, ~held)
         enough = _CLOSE + _CLOSE_SHARE * max(cost - (sum(r.size for r in rows) if aim is None else aim), 0.0)
-        gain = -1.0
-        for _ in range(5):
+        gain, harder = -1.0, 2.0
+        for _ in range(_TRIES):
             matrix = curvature + damping * np.diag(np.diag(curvature))
-            step = np.zeros(x.size)
-            step[~held] = -np.linalg.solve(matrix[free], gradient[~held])
+            step = _boxed_step(matrix, gradient, (low - x) / scale, (high - x) / scale, held)
             trial = np.clip(x + scale * step, low, high)
+            expected = -float(2.0 * gradient @ step + step @ curvature @ step)
             gain = cost - cost_of(joint, trial, noise)
-            if gain > 0.0 or -float(gradient @ step) < enough:
+            if gain > 0.0 or expected < enough:
                 break
-            damping = max(damping, 1e-4) * 10.0
+            damping, harder = max(damping, _EASED) * harder, 2.0 * harder
         if gain <= 0.0:
             break
         x, cost = trial, cost - gain
         rows, slopes = joint.linearised(x, noise)
-        curvature = _curvature(joint, rows, slopes)
-        damping = max(damping * 0.2, 1e-6)
+        curvature, gradient = _curvature(joint, rows, slopes), _gradient(joint, x, rows, slopes)
+        share = gain / max(expected, gain * _LEAST_DAMPING)
+        damping = max(damping * max(0.2, 1.0 - (2.0 * share - 1.0) ** 3), _LEAST_DAMPING)
         if gain < enough:
             break
-    gradient = _gradient(joint, x, rows, slopes)
     return Fitted(joint=joint, noise=noise, x=x, cost=cost, rows=rows, curvature=curvature, gradient=gradient)
+
+
+def _boxed_step(matrix: Array, gradient: Array, low: Array, high: Array, held: Flags) -> Array:
+    """The least of step.gradient + step.matrix.step / 2 from ``low`` to ``high``, those that are held at none.
+
+    What meets its bound first on the way stops there, and the others make up for it.
+    """
+    step, free = np.zeros(gradient.size), ~held
+    while free.any():
+        pull = gradient[free] + matrix[np.ix_(free, ~free)] @ step[~free]
+        own = -np.linalg.solve(matrix[np.ix_(free, free)], pull)
+        at = np.flatnonzero(free)
+        bound = np.where(own > 0.0, high[at], low[at])
+        beyond = np.flatnonzero(np.abs(own) > np.abs(bound))
+        step[at] = own
+        if not beyond.size:
+            break
+        first = beyond[np.argmin(np.abs(bound[beyond] / own[beyond]))]
+        step[at[first]] = bound[first]
+        free[at[first]] = False
+    return step
 
 
 def cost_of(joint: Problem, x: Array, noise: Noise) -> float:

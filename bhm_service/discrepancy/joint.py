@@ -27,6 +27,7 @@ FULL_SD, GAUGE_SD, GENERIC_SD = 0.01, 0.02, 0.08
 _REPEATS_SD = 0.003
 _REST_SD_V = 0.002  # of a cell, beside what the open-circuit curve is known to
 _STEP = 1e-3  # of finite differences, in standard deviations of what was known before
+_CHARGE_STEP = 1e-6  # of finite differences over the charge
 _STARTS = "start_soc"
 _PACKS = "pack_resistance"
 _PACKS_SD = 0.1  # of the logarithm: packs of one kind that nobody identified, from flight to flight
@@ -150,9 +151,9 @@ class Joint:
         return self._of([name for name, where in self.places.items() if where.start >= self._adding.start])
 
     @cached_property
-    def _own(self) -> list[tuple[Places, Places]]:
-        """For each member, the numbers of its effects and of its form, flight by flight; (flights, numbers) each."""
-        return [(self._of([u.name for u in c.unknowns]), self._of(_form_names(c.id))) for c in self.members]
+    def _forms(self) -> list[Places]:
+        """For each member, the numbers of its form, flight by flight; (flights, numbers)."""
+        return [self._of(_form_names(c.id)) for c in self.members]
 
     def _of(self, names: list[str]) -> Places:
         """Where some blocks stand, flight by flight: of those that hold a number for each only its own."""
@@ -204,11 +205,19 @@ class Joint:
         known = sum(float(np.ravel(e.skew)[0]) for e in self.lab.effects if isinstance(e, TimeSkew))
         return np.asarray(sum(told, start=np.full(x.shape[0], known)))
 
-    def _simulated(self, x: Array, group: Abreast, pack: PackModel) -> Simulation:
+    def _simulated(self, x: Array, group: Abreast, pack: PackModel, leading: Places | None = None) -> Simulation:
+        """The pack of vectors (M, n) along flights; ``leading`` are the ones that each hardly differs from."""
+        near = None
+        if pack.has_feedback and leading is not None:
+            first, of = np.unique(leading, return_inverse=True)
+            if first.size < leading.size:
+                led = self._simulated(x[first], group, self._pack(x[first], group.places))
+                shape = (first.size, *group.time_s.shape)
+                near = tuple(np.broadcast_to(state, shape)[of] for state in led.states)
         start = x[:, self.places[_STARTS]][:, group.places, None]
         skew_s = self._skew_s(x)
         current_a = group.current_at(skew_s) if skew_s.any() else group.current_a
-        return pack.simulate(group.time_s, current_a, start, group.temperature_k)
+        return pack.simulate(group.time_s, current_a, start, group.temperature_k, near)
 
     def temperature(self, x: Array, flight: int) -> Array:
         """Temperature of the pack [K] along one flight for vectors (M, n): measured, or as the members have it."""
@@ -219,13 +228,13 @@ class Joint:
     def _single(self, flight: int) -> Abreast:
         return Abreast(np.array([flight]), (self.flights[flight],))
 
-    def without(self, x: Array) -> Array:
-        """For each member, a vector with its effect taken away; (members, n)."""
-        bare = np.tile(x, (len(self.members), 1))
-        for row, member in zip(bare, self.members, strict=True):
+    def _without(self, points: Array) -> Array:
+        """For each member, vectors (M, n) with its effect taken away; (members, M, n)."""
+        bare = np.tile(points, (len(self.members), 1, 1))
+        for rows, member in zip(bare, self.members, strict=True):
             for u in member.amplitudes():
                 assert u.declared.absent is not None
-                row[self.places[u.name]] = np.log(u.declared.absent) if u.log else u.declared.absent
+                rows[:, self.places[u.name]] = np.log(u.declared.absent) if u.log else u.declared.absent
         return bare
 
     @cached_property
@@ -241,8 +250,8 @@ class Joint:
     def predicted(self, points: Array, flight: int, forms: bool = True) -> Predicted:
         """One flight's voltages for vectors (M, n), and the voltage rested after it where the sidecar has one.
 
-        What only adds is taken along the first vector's charge: the others differ from it by steps of differences.
-        Without ``forms`` the members are taken by their equations alone.
+        The lab's errors over the charge are taken to first order about the first vector's, from which the others
+        differ by steps of differences. Without ``forms`` the members are taken by their equations alone.
         """
         return self._run(points, self._single(flight), forms).of(0, self.flights[flight])
 
@@ -255,28 +264,38 @@ class Joint:
         return [found[k] for k in range(len(self.flights))]
 
     def _run(self, points: Array, group: Abreast, forms: bool = True) -> _Run:
-        everything = np.vstack([points, self.without(points[0])])
+        count = points.shape[0]
+        formed = forms and any(points[:, own].any() for own in self._forms)
+        bare, of = self._bare(points if formed else points[:1])
+        everything = np.vstack([points, bare])
+        leading = np.zeros(everything.shape[0], dtype=np.intp)
+        leading[count + of] = count + of[:, :1]
         pack = self._pack(everything, group.places)
-        run = self._simulated(everything, group, pack)
+        run = self._simulated(everything, group, pack, leading)
         wide = np.broadcast_to(run.voltage, (everything.shape[0], *group.time_s.shape))
-        soc = np.broadcast_to(run.soc, wide.shape)[0]
-        members = wide[0] - wide[points.shape[0] :]
-        voltage = wide[: points.shape[0]] + self._beside(points, group, soc)
-        if forms:
-            self._shape(voltage, points, wide, members, group, soc)
+        soc = np.broadcast_to(run.soc, wide.shape)[:count]
+        voltage = wide[:count] + self._beside(points, group, soc)
+        members = [wide[: rows.size] - wide[count + rows] for rows in of]
+        for own, added in zip(self._forms if formed else (), members, strict=False):
+            voltage += _formed(points[:, own[group.places]], added, group, soc)
         rested = self._rested(pack, group, run)
         if rested is not None:
-            rested = rested[: points.shape[0]] + self.lab.bent_v(points[:, self._lab_adding], soc[:, -1])
-        return _Run(voltage, rested, soc, members)
+            rested = rested[:count] + self.lab.bent_v(points[:, self._lab_adding], soc[:, :, -1])
+        return _Run(voltage, rested, soc[0], np.array([added[0] for added in members]).reshape(-1, *soc.shape[1:]))
+
+    def _bare(self, points: Array) -> tuple[Array, Places]:
+        """The different ones of the vectors without each member, and which of them it is; (members, M)."""
+        bare, of = np.unique(self._without(points).reshape(-1, points.shape[1]), axis=0, return_inverse=True)
+        return bare, of.reshape(len(self.members), points.shape[0])
 
     def _beside(self, points: Array, group: Abreast, soc: Array) -> Array:
-        """What the lab's errors that only add do add to the voltage (1 or M, F, T)."""
+        """What the lab's errors that only add do add to the voltage (M, F, T), at charges near the first vector's."""
         told = np.column_stack([self._skew_s(points), points[:, self._lab_adding]])
-        if (told == told[0]).all():
-            return self.lab.beside(told[0, 1:], *group.followed_at(float(told[0, 0])), soc)[None]
         rows, of = np.unique(told, axis=0, return_inverse=True)
-        own = np.stack([self.lab.beside(row[1:], *group.followed_at(float(row[0])), soc) for row in rows])
-        return np.asarray(own[np.ravel(of)])
+        own = np.stack([self.lab.beside(row[1:], *group.followed_at(float(row[0])), soc[0]) for row in rows])
+        here = group.followed_at(float(told[0, 0]))
+        ends = [self.lab.beside(told[0, 1:], *here, soc[0] + step) for step in (-_CHARGE_STEP, _CHARGE_STEP)]
+        return np.asarray(own[np.ravel(of)] + (ends[1] - ends[0]) / (2.0 * _CHARGE_STEP) * (soc - soc[0]))
 
     def _added(self, run: _Run, group: Abreast, skew_s: float) -> Array:
         """What one of each number of `_additions` adds to the voltage; (numbers, F, T)."""
@@ -285,21 +304,6 @@ class Joint:
             return lab
         forms = np.swapaxes(_form_shapes(run.members, group, run.soc), 0, 1)
         return np.concatenate([lab, forms.reshape(-1, *run.soc.shape)])
-
-    def _shape(self, voltage: Array, points: Array, wide: Array, members: Array, group: Abreast, soc: Array) -> None:
-        """Add what the members' forms add to what they do in the first vector, and let it follow them in the others.
-
-        Without that the slopes along their numbers are not true.
-        """
-        for (effects, forms), added in zip(self._own, members, strict=True):
-            own, form = np.ravel(effects[group.places]), points[:, forms[group.places]]
-            if form[0].any():
-                moved = np.flatnonzero((points[:, own] != points[0, own]).any(axis=1))
-                found = _formed(form[0], np.concatenate([added[None], wide[moved] - wide[0]]), group, soc)
-                voltage += found[0]
-                voltage[moved] += found[1:]
-            for row in np.flatnonzero((form != form[0]).any(axis=(1, 2))):
-                voltage[row] += _formed(form[row] - form[0], added, group, soc)
 
     def _rested(self, flown: PackModel, group: Abreast, run: Simulation) -> Array | None:
         """After landing, unplugged: nothing flows, and another meter reads it; (M, F), None where none did."""
@@ -385,23 +389,13 @@ class Joint:
         return [found[k][0] for k in range(len(self.flights))], [found[k][1] for k in range(len(self.flights))]
 
     def slopes_of(self, member: Candidate, x: Array, noise: Noise) -> list[Array]:
-        """Derivatives (rows, numbers) of every flight's whitened residuals by the numbers of one member's effects.
-
-        What adds to the voltage beside the runs of the pack is taken to stay: a member at no effect has no form yet.
-        """
+        """Derivatives (rows, numbers) of every flight's whitened residuals by the numbers of one member's effects."""
         used = self._of([u.name for u in member.unknowns])
         own = np.unique(used)
         points, steps = self._moved(x, used)
         found: dict[int, Array] = {}
         for group in abreast(self.flights):
-            pack = self._pack(points, group.places)
-            run = self._simulated(points, group, pack)
-            wide = np.broadcast_to(run.voltage, (points.shape[0], *group.time_s.shape))
-            soc = np.broadcast_to(run.soc, wide.shape)[0]
-            voltage = wide.copy()
-            # A companion may be another member's as well. What that one does in the first vector is the same in all.
-            self._shape(voltage, points, wide, np.zeros((len(self.members), *soc.shape)), group, soc)
-            rows = self._rows(_Run(voltage, self._rested(pack, group, run), soc, wide[:0]), group, noise)
+            rows = self._rows(self._run(points, group), group, noise)
             for flight, off in zip(group.places.tolist(), rows, strict=True):
                 moved = used[flight]
                 slope = np.zeros((own.size, off.shape[1]))
@@ -460,13 +454,12 @@ def _form_shapes(added: Array, group: Abreast, soc: Array) -> Array:
 
 
 def _formed(sizes: Array, added: Array, group: Abreast, soc: Array) -> Array:
-    """Those shapes together, each of its size in each flight (F, shapes); (M, F, T)."""
-    charges = slice(1, 1 + _FORM_SOC.size)
-    lags = sizes[0, charges.stop + 1 :]
-    by = sizes[:, :1] - lags.sum() + np.interp(soc, _FORM_SOC, sizes[0, charges])
-    total = added * (by + sizes[0, charges.stop] * group.lightness)
-    for size, tau in zip(lags, _FORM_LAG_S, strict=True):
-        total += size * group.lag(tau)(added)
+    """Those shapes together, each of its size in each flight (M, F, shapes), of what a member adds; (M, F, T)."""
+    level, charges, light, lags = np.split(sizes, np.cumsum([1, _FORM_SOC.size, 1]), axis=-1)
+    by = np.stack([np.interp(own, _FORM_SOC, row[0]) for own, row in zip(soc, charges, strict=True)])
+    total = added * (level - lags.sum(axis=-1, keepdims=True) + by + light * group.lightness)
+    for size, tau in zip(np.moveaxis(lags, -1, 0), _FORM_LAG_S, strict=True):
+        total += size[..., None] * group.lag(tau)(added)
     return np.asarray(total)
 
 

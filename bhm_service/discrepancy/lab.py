@@ -148,8 +148,8 @@ class Lab:
         return np.asarray(cell * (np.abs(cell) / hover - 1.0))
 
     def bent_v(self, sizes: Array, soc: Array) -> Array:
-        """What the bends among numbers of `additions` (M, numbers) add to rested packs (F,); (M, F). [V]"""
-        return np.asarray(self.series * sizes[:, : BEND_SOC.size] @ hats(BEND_SOC, soc))
+        """What the bends among numbers of `additions` (M, numbers) add to rested packs (M, F); (M, F). [V]"""
+        return np.asarray(self.series * np.einsum("mk,kmf->mf", sizes[:, : BEND_SOC.size], hats(BEND_SOC, soc)))
 
 
 def _near(name: str, size: int, sd: float) -> Block:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bhm_service.discrepancy.candidate import Candidate
-from bhm_service.discrepancy.fitting import Fitted, ProblemT, fit, one_step
+from bhm_service.discrepancy.fitting import Fitted, ProblemT, cost_of, fit, one_step
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.noise import Noise, estimated
 from bhm_service.discrepancy.onset import begun
@@ -33,12 +33,12 @@ _FREE_NATS = 60.0
 LEAST_SNR = 3.0  # below, these recordings cannot show an effect of the usual size
 _TRIED_SNR = 1.0  # below, they could not even show one of several times that
 _WIDTH, _DEPTH, _EXPANSIONS = 3, 3, 4
+_PAIR = 2  # effects: what joins two and earns its place is among the first of what looks best
 # What a model gets wrong it gets wrong alike in all flights of a kind: they are not independent witnesses of it. And
 # the more it gets wrong in the lab, the more of what it leaves in flight is its own.
 _WITNESSES, _MOST_DOUBT = 1.0 / 3.0, 3.0
 _USUAL_V = 0.012  # [V] of a cell: what a model that follows its cell is off by on recordings that no fit saw, at most
 _BENT = 3.0  # standard deviations
-_FLAT = 1e-4  # squared standard deviations of noise by one of a prior: no slope at all
 _SUDDEN = 0.2  # of the ohmic drop of a sudden change: what relaxes within a sample no lab at one hertz tells
 _FLOOR_V = 1e-3  # [V] of a cell: no voltage is measured and modelled better than this
 
@@ -71,7 +71,8 @@ class Search:
         if names not in self.fits:
             joint = self.joint(names)
             best = min((f.cost for f in self.fits.values()), default=None)
-            self.fits[names] = fit_over_valleys(joint, self.noise, _carried(joint, start), aim=best)
+            begin = min(_starts(joint, start), key=lambda x: cost_of(joint, x, self.noise))
+            self.fits[names] = fit_over_valleys(joint, self.noise, begin, aim=best)
         return self.fits[names]
 
     def joint(self, names: Names) -> Joint:
@@ -132,11 +133,19 @@ def _by_members(at: Fitted) -> Array:
     parts = np.concatenate([p.members for p in at.joint.all_predicted(at.x[None, :])], axis=1)
     names = [member.id for member in at.joint.members]
     for own, member in zip(parts, at.joint.members, strict=True):
-        if not member.shown_beside(frozenset()):
-            for shows in (k for k, name in enumerate(names) if member.shown_beside(frozenset({name}))):
-                parts[shows] -= own
-                break
+        beside = [k for k, name in enumerate(names) if member.shown_beside(frozenset({name}))]
+        if beside and not member.shown_beside(frozenset()):
+            parts[beside[0]] -= own
     return parts
+
+
+def _starts(joint: Joint, start: Fitted | None) -> list[Array]:
+    """Where the fit of a set may begin: from another set's, what joins that at its usual size or not there yet."""
+    if start is None:
+        return [_carried(joint, None)]
+    there = {member.id for member in start.joint.members}
+    joining = (member for member in joint.members if member.id not in there)
+    return [_carried(joint, start), *(_absent(joint, start, member) for member in joining)]
 
 
 def _carried(joint: Joint, start: Fitted | None) -> Array:
@@ -190,9 +199,6 @@ def geometry_of(at: Fitted[ProblemT], own: Array) -> tuple[Geometry, Array]:
 
 def _linear_gain(at: Fitted, joint: Joint, candidate: Candidate) -> float:
     found, score = geometry_of(at, _slope(at, joint, candidate))
-    if float(np.max(np.diag(found.information))) < _FLAT:
-        # What begins with no slope is known by what it does at its usual size.
-        found, score = geometry_of(at, _usual(at, joint, candidate))
     # Effects at their typical size, not at none: the pull of the prior is left out of the expectation.
     return one_step(found.information, score)[1]
 
@@ -339,7 +345,7 @@ def _grow(found: Search, depth: int, progress: Progress) -> None:
             order = sorted(gains, key=lambda name: -gains[name])
             # What is likely to be part of the answer is tried with all that may join it, the rest with what looks best.
             likely = [name for name in order if size == 0 or gains[name] > 0.0]
-            for name in likely if place == 0 and len(likely) > _EXPANSIONS else order[:_EXPANSIONS]:
+            for name in likely if place == 0 and size < _PAIR else likely[:_EXPANSIONS]:
                 tried.add(names | {name})
                 found.fitted(names | {name}, found.fitted(names))
         progress(f"sets of {size + 1}")

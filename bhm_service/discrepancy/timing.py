@@ -7,8 +7,7 @@ from bhm_service.discrepancy.crossing import Witness
 from bhm_service.discrepancy.fitting import Fitted, fit
 from bhm_service.discrepancy.flights import usual_step_s
 from bhm_service.discrepancy.search import Names, needed
-
-_SKEW = f"{TimeSkew.id}.skew"
+from bhm_service.discrepancy.valleys import SKEW
 
 
 def timed(closer: Witness, names: Names) -> bool:
@@ -16,7 +15,7 @@ def timed(closer: Witness, names: Names) -> bool:
     if TimeSkew.id not in names:
         return True
     at = closer.fitted(names)
-    size = abs(float(at.x[at.joint.places[_SKEW]][0]))
+    size = abs(float(at.x[at.joint.places[SKEW]][0]))
     return size > 0.5 * usual_step_s(at.joint.flights) and closer.earned(names)[TimeSkew.id] >= needed(TimeSkew.id)
 
 
@@ -26,6 +25,6 @@ def by_samples(fitted: Fitted, closer: Witness, names: Names) -> Fitted:
         return fitted
     at = closer.fitted(names)
     start = fitted.x.copy()
-    start[fitted.joint.places[_SKEW]] = at.x[at.joint.places[_SKEW]]
-    others = [block.name for block in fitted.joint.unknowns.blocks if block.name != _SKEW]
+    start[fitted.joint.places[SKEW]] = at.x[at.joint.places[SKEW]]
+    others = [block.name for block in fitted.joint.unknowns.blocks if block.name != SKEW]
     return fit(fitted.joint, fitted.noise, start, moving=others)

@@ -10,7 +10,7 @@ from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.noise import Noise
 from bhm_service.units import Array
 
-_SKEW = f"{TimeSkew.id}.skew"
+SKEW = f"{TimeSkew.id}.skew"  # the block of that number
 _LABS = "lab_skew"
 _STEP_S = 0.5  # half of what autopilots log at: a valley is about as wide as a sample
 
@@ -29,9 +29,9 @@ def _deepest(joint: Joint, start: Array, noise: Noise) -> Array:
 
     What a fit without the skew made the lab's own do is taken back: in its valley the skew would only be the rest.
     """
-    if _SKEW not in joint.places:
+    if SKEW not in joint.places:
         return start
-    own, labs = joint.places[_SKEW], joint.places[_LABS]
+    own, labs = joint.places[SKEW], joint.places[_LABS]
     low, high = float(joint.unknowns.low[own][0]), float(joint.unknowns.high[own][0])
     tried = [start]
     for skew in np.arange(low, high + 0.5 * _STEP_S, _STEP_S):

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from discrepancy.flown import SIZES, base, four, noise_model, with_members
+from discrepancy.flown import SIZES, base, flown, four, noise_model, with_members
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.battery.parameters import parameters_of
-from bhm_service.discrepancy.fitting import fit
+from bhm_service.discrepancy.fitting import _boxed_step, cost_of, fit
 
 NOISE = noise_model()
 
@@ -59,6 +59,35 @@ def test_a_few_wild_readings_do_not_move_the_answer():
     spoilt = fit(with_members(flights, {"capacity-fade"}), NOISE)
     where = clean.joint.places["capacity-fade.fade"]
     assert abs(spoilt.x[where][0] - clean.x[where][0]) < 1.5 * clean.sd("capacity-fade.fade")[0]
+
+
+@pytest.mark.parametrize("names", [{"resistance-growth", "charge-transfer"}, {"unseen-load", "contact-resistance"}])
+def test_a_fit_ends_where_the_cost_is_least(names):
+    """By the cost's own differences, number by number: what Newton's step would still gain is next to none."""
+    truth = [EFFECTS["resistance-growth"](growth=0.6), EFFECTS["unseen-load"](current=2.0)]
+    flights = [flown(truth, seed=1, number=k, rested=False) for k in range(3)]
+    at = fit(with_members(flights, names), NOISE, aim=np.inf)
+    low, high = at.joint.unknowns.low, at.joint.unknowns.high
+    free = np.flatnonzero((at.x > low) & (at.x < high))
+    step = 1e-3 * at.joint.scale
+    slopes = np.zeros(at.x.size)
+    for k in free:
+        moved = [at.x + by * step[k] * np.eye(at.x.size)[k] for by in (-1.0, 1.0)]
+        below, above = (cost_of(at.joint, x, NOISE) for x in moved)
+        slopes[k] = (above - below) / 2e-3
+    half = 0.5 * slopes[free]
+    assert half @ np.linalg.solve(at.curvature[np.ix_(free, free)], half) < 1.0
+    assert np.abs(at.x[at.joint.of_lab] / at.joint.scale[at.joint.of_lab]).max() > 1.0, "the lab's errors are at work"
+
+
+def test_what_a_bound_stops_the_others_make_up_for():
+    """The least of a plane's quadratic on the edge where its own least is out of reach."""
+    matrix, gradient = np.array([[2.0, 1.0], [1.0, 3.0]]), np.array([-4.0, 1.0])
+    reach, none = np.full(2, 1.0), np.zeros(2, dtype=bool)
+    step = _boxed_step(matrix, gradient, -reach, reach, none)
+    np.testing.assert_allclose(step, [1.0, -(1.0 + 1.0) / 3.0])
+    np.testing.assert_allclose(_boxed_step(matrix, gradient, -9.0 * reach, 9.0 * reach, none), [2.6, -1.2])
+    np.testing.assert_allclose(_boxed_step(matrix, gradient, -reach, reach, np.array([True, False])), [0.0, -1.0 / 3.0])
 
 
 def test_blocks_that_are_not_to_move_stay():

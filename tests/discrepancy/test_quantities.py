@@ -48,8 +48,8 @@ def test_what_was_found_is_as_large_as_the_flights_say_and_not_as_expected():
     flights = [flown([EFFECTS[LOAD](current=4.0)], seed=2, number=k, rested=False) for k in range(4)]
     found = fit(with_members(flights, {LOAD}), noise_model())
     as_expected, as_measured = parameters(found, LOAD)["current"], parameters(measured(found), LOAD)["current"]
-    assert as_expected.value < 3.0
-    assert as_measured.value == pytest.approx(4.0, rel=0.05)
+    assert as_expected.value < as_measured.value
+    assert abs(as_measured.value - 4.0) < as_measured.sd < 0.4
 
 
 @pytest.mark.parametrize("name", ["weak-cell", "resistance-temperature"])

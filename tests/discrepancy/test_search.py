@@ -81,16 +81,24 @@ def missing(name, **sizes):
     return found, float(np.sum(bare.joint.pulls(bare.x) ** 2))
 
 
-def test_what_a_candidate_is_expected_to_add_is_what_its_fit_adds():
+@pytest.mark.parametrize(
+    ("name", "size"), [("contact-resistance", {"resistance": 0.01}), ("resistance-growth", {"growth": 0.2})]
+)
+def test_what_a_candidate_is_expected_to_add_is_what_its_fit_adds(name, size):
     """The lab's errors have been bent to make up for it, and it gets back what that cost."""
+    found, pulled = missing(name, **size)
+    assert pulled > 30.0
+    assert found.gains(frozenset())[name] == pytest.approx(found.evidence(frozenset({name})), rel=0.3)
+
+
+def test_a_candidate_that_moves_the_charge_beside_a_bent_curve_is_expected_to_add_no_more_than_it_does():
+    """One linear step sees the bend where it stands, and a fit takes it along."""
     found, pulled = missing("unseen-load", current=1.0)
     assert pulled > 40.0
-    assert found.gains(frozenset())["unseen-load"] == pytest.approx(
-        found.evidence(frozenset({"unseen-load"})), rel=0.15
-    )
+    assert 10.0 < found.gains(frozenset())["unseen-load"] < found.evidence(frozenset({"unseen-load"}))
 
 
-def test_an_effect_that_begins_without_a_slope_is_expected_to_add_what_it_shows_at_its_usual_size():
+def test_an_effect_of_two_sizes_that_bend_each_other_is_expected_to_add_most_of_what_its_fit_adds():
     found, _ = missing("charge-transfer", bend=3.0, straight=1.0)
     assert found.gains(frozenset())["charge-transfer"] > 0.5 * found.evidence(frozenset({"charge-transfer"})) > 50.0
 
