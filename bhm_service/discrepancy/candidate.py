@@ -23,6 +23,8 @@ _SCALES = {
     "resistance-growth": "resistance",
     "contact-resistance": "resistance",
     "current-gain": "capacity and resistance",
+    "voltage-gain": "open-circuit curve",
+    "voltage-offset": "open-circuit curve",
 }
 # A pack that is cold has more resistance before anything else: what else a temperature that nobody recorded would do is
 # not told from a temperature that is made to fit.

@@ -18,6 +18,7 @@ from bhm_service.units import Array, Flags
 
 _CLOSE, _CLOSE_SHARE = 0.1, 0.03  # of the cost, and of what it is beyond its aim: smaller gains end a fit
 _DAMPING, _EASED, _LEAST_DAMPING = 1e-3, 1e-4, 1e-6  # at first, before it is raised, and at last; of the curvature
+_POOR = 0.25  # of what a step was expected to gain
 _TRIES = 6  # of a step, each shorter than the one before
 _FAR = 3.0  # standard deviations: beyond, an innovation counts by its size, not by its square
 
@@ -178,7 +179,7 @@ def fit(
     rows, slopes = joint.linearised(x, noise)
     cost = _cost(joint, x, rows)
     curvature, gradient = _curvature(joint, rows, slopes), _gradient(joint, x, rows, slopes)
-    damping = _DAMPING
+    damping, slow = _DAMPING, False
     for _ in range(rounds):
         held = still | ((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0))
         enough = _CLOSE + _CLOSE_SHARE * max(cost - (sum(r.size for r in rows) if aim is None else aim), 0.0)
@@ -199,8 +200,10 @@ def fit(
         curvature, gradient = _curvature(joint, rows, slopes), _gradient(joint, x, rows, slopes)
         share = gain / max(expected, gain * _LEAST_DAMPING)
         damping = max(damping * max(0.2, 1.0 - (2.0 * share - 1.0) ** 3), _LEAST_DAMPING)
-        if gain < enough:
+        # One poor step, after which the next is shorter, is no end.
+        if gain < enough and (slow or share > _POOR):
             break
+        slow = gain < enough
     return Fitted(joint=joint, noise=noise, x=x, cost=cost, rows=rows, curvature=curvature, gradient=gradient)
 
 
