@@ -102,7 +102,7 @@ def _near(found: Search, refuted: Collection[Names], absent: Names) -> list[Name
     near = [names for names in valid if len(names) <= len(best) and found.evidence(names) > most - NEAR]
     if not any(_credit(found, names) > _CLAIM_NATS for names in near):
         return []
-    if _beyond_physics(found, _open(found, refuted, absent), most + NATS):
+    if _beyond_physics(found, _open(found, refuted, absent), most - _price(best) + NATS):
         return []
     of = {names: found.evidence(names) for names in near}
     likely = {names: of[names] > max(of[n] for n in near if len(n) == len(names)) - _STRONG for names in near}
@@ -210,14 +210,15 @@ def _price(names: Names) -> float:
 
 
 def _beyond_physics(found: Search, tried: Collection[Names], nats: float) -> bool:
-    """Whether only a number beyond what is physical keeps a set with more evidence than that from being the answer.
+    """Whether only a number beyond what is physical keeps a set from being the answer that has more than that to spare.
 
+    That is evidence beyond what its members have to earn: with two more of them a set follows nearly anything better.
     What stands behind such a set only imitates a cause that the catalogue does not hold.
     """
     return any(
         not _physical(found.fitted(names)) and _separable(found, names) and _matters(found, names)
         for names in tried
-        if found.evidence(names) > nats
+        if found.evidence(names) - _price(names) > nats
     )
 
 

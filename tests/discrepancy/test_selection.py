@@ -114,6 +114,21 @@ def test_what_a_refuted_set_leaves_to_be_had_is_no_explanation(both):
     assert select(alone, [strong]).names == frozenset()
 
 
+@pytest.mark.parametrize(("ahead_by", "named"), [(1.5 * NATS, True), (2.5 * NATS, False)])
+def test_what_is_beyond_physics_counts_by_what_it_has_to_spare(both, ahead_by, named):
+    """One more effect that needs a resistance at the end of its range has to earn its own place first."""
+    pair = both.fits[FADE | CONTACT]
+    where = pair.joint.places["contact-resistance.resistance"]
+    x = pair.x.copy()
+    x[where] = pair.joint.unknowns.high[where]
+    lead = both.evidence(FADE | CONTACT) - both.evidence(FADE)
+    cost = pair.cost + 2.0 * both.inflation * (lead - ahead_by)
+    weak = replace(both.fits[CONTACT], cost=1e6)
+    found = replace(both, fits={**both.fits, FADE | CONTACT: replace(pair, x=x, cost=cost), CONTACT: weak})
+    assert found.evidence(FADE | CONTACT) - found.evidence(FADE) == pytest.approx(ahead_by)
+    assert select(found).names == (FADE if named else frozenset())
+
+
 def test_what_the_lab_was_off_by_besides_does_not_hide_an_effect_of_much_evidence():
     """Resistance moves with temperature by 6 kJ/mol; the open-circuit curve is off by up to 25 mV a cell as well."""
     effects = [EFFECTS["resistance-temperature"](activation_energy=6e3)]
