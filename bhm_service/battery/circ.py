@@ -46,18 +46,19 @@ class Circ:
     ) -> tuple[Value, ...]:
         per_ampere = -1.0 / (self.c_max * by.capacity)
         soc = solver.counter(start[0], begin * per_ampere, end * per_ampere)
-        r_sp = self.surface_resistance(soc, by)
-        drop_begin = begin * self.surface_resistance(solver.begin(start[0], soc), by)
+        unscaled = self._unscaled(soc)
+        r_sp = _scaled(unscaled, by)
+        drop_begin = begin * _scaled(solver.begin(self._unscaled(start[0]), unscaled), by)
         v_sp = solver.lag(start[1], drop_begin, end * r_sp, self.c_sp * r_sp)
         return (soc, v_sp)
 
     def surface_resistance(self, soc: Value, by: Modifiers) -> Value:
         """R_sp [Ohm]; its one pair stands for charge transfer and diffusion together, so it takes half of each."""
+        return _scaled(self._unscaled(soc), by)
+
+    def _unscaled(self, soc: Value) -> Value:
         depth = np.minimum(np.maximum(1.0 - soc, -0.2), 1.2)
-        r_sp = self.r_sp0 + self.r_sp1 * np.exp(self.r_sp2 * depth)
-        if by.kinetics is by.diffusion:
-            return r_sp if by.kinetics is _ONE else r_sp / by.kinetics
-        return r_sp / np.sqrt(by.kinetics * by.diffusion)
+        return self.r_sp0 + self.r_sp1 * np.exp(self.r_sp2 * depth)
 
     def emf(self, state: tuple[Value, ...], by: Modifiers) -> Value:
         return self.ocv.voltage(state[0]) - state[1]
@@ -76,3 +77,9 @@ class Circ:
 
 
 _ONE = Modifiers().kinetics
+
+
+def _scaled(r_sp: Value, by: Modifiers) -> Value:
+    if by.kinetics is by.diffusion:
+        return r_sp if by.kinetics is _ONE else r_sp / by.kinetics
+    return r_sp / np.sqrt(by.kinetics * by.diffusion)

@@ -13,6 +13,8 @@ import numpy as np
 
 from bhm_service.units import Array, Value
 
+_LEAST_RATIO = 1e-12  # of an interval and a time constant; what is less is taken for that
+
 
 class Solver(Protocol):
     """How a declared state moves: over one interval for many points, or over every interval of a recording.
@@ -109,15 +111,17 @@ class Follower:
 
 def _trail(ratio: Value) -> Value:
     """Share of a ramp by which a lag trails its end: (1 - e^-r) / r, finite at r = 0."""
-    safe = np.maximum(ratio, 1e-12)
+    safe = np.maximum(ratio, _LEAST_RATIO)
     share: Value = -np.expm1(-safe) / safe
     return share
 
 
 def _shares(ratio: Array) -> tuple[Array, Array, Array]:
     """What is left of a lag after ``ratio`` time constants, and what it takes of a ramp's begin and of its end."""
-    trail = np.asarray(_trail(ratio))
-    decay = np.exp(-ratio)
+    safe = np.maximum(ratio, _LEAST_RATIO)
+    gone = -np.expm1(-safe)
+    trail = gone / safe
+    decay = 1.0 - gone
     return decay, trail - decay, 1.0 - trail
 
 

@@ -132,7 +132,7 @@ class Candidate:
         return bool(self.inferred) or not by or not names.isdisjoint(by)
 
     def amplitudes(self) -> list[Unknown]:
-        """The unknowns that make it vanish."""
+        """The unknowns that make it vanish; none of them is kept as a logarithm, which would never come to nothing."""
         return [u for u in self.unknowns if u.declared.absent is not None]
 
     def effects(self, values: Mapping[str, Array], flights: int | Places) -> list[Effect]:

@@ -233,8 +233,7 @@ class Joint:
         bare = np.tile(points, (len(self.members), 1, 1))
         for rows, member in zip(bare, self.members, strict=True):
             for u in member.amplitudes():
-                assert u.declared.absent is not None
-                rows[:, self.places[u.name]] = np.log(u.declared.absent) if u.log else u.declared.absent
+                rows[:, self.places[u.name]] = u.declared.absent
         return bare
 
     @cached_property
@@ -285,17 +284,18 @@ class Joint:
 
     def _bare(self, points: Array) -> tuple[Array, Places]:
         """The different ones of the vectors without each member, and which of them it is; (members, M)."""
-        bare, of = np.unique(self._without(points).reshape(-1, points.shape[1]), axis=0, return_inverse=True)
+        bare, of = _different(self._without(points).reshape(-1, points.shape[1]))
         return bare, of.reshape(len(self.members), points.shape[0])
 
     def _beside(self, points: Array, group: Abreast, soc: Array) -> Array:
         """What the lab's errors that only add do add to the voltage (M, F, T), at charges near the first vector's."""
-        told = np.column_stack([self._skew_s(points), points[:, self._lab_adding]])
-        rows, of = np.unique(told, axis=0, return_inverse=True)
-        own = np.stack([self.lab.beside(row[1:], *group.followed_at(float(row[0])), soc[0]) for row in rows])
-        here = group.followed_at(float(told[0, 0]))
-        ends = [self.lab.beside(told[0, 1:], *here, soc[0] + step) for step in (-_CHARGE_STEP, _CHARGE_STEP)]
-        return np.asarray(own[np.ravel(of)] + (ends[1] - ends[0]) / (2.0 * _CHARGE_STEP) * (soc - soc[0]))
+        rows, of = _different(np.column_stack([self._skew_s(points), points[:, self._lab_adding]]))
+        along = [group.followed_at(float(skew)) for skew in rows[:, 0]]
+        own = np.stack([self.lab.beside(row[1:], *late, soc[0]) for row, late in zip(rows, along, strict=True)])
+        if points.shape[0] == 1:
+            return own
+        ends = [self.lab.beside(rows[0, 1:], *along[0], soc[0] + step) for step in (-_CHARGE_STEP, _CHARGE_STEP)]
+        return np.asarray(own[of] + (ends[1] - ends[0]) / (2.0 * _CHARGE_STEP) * (soc - soc[0]))
 
     def _added(self, run: _Run, group: Abreast, skew_s: float) -> Array:
         """What one of each number of `_additions` adds to the voltage; (numbers, F, T)."""
@@ -440,6 +440,14 @@ class Joint:
     def known(self) -> Array:
         """Curvature of what was known before, by the vector in its standard deviations."""
         return np.asarray(np.eye(self.scale.size) + self.ties.T @ self.ties)
+
+
+def _different(rows: Array) -> tuple[Array, Places]:
+    """The different ones of some rows (M, n), in the order in which they come, and which of them each is."""
+    places: dict[bytes, int] = {}
+    of = np.array([places.setdefault(row.tobytes(), len(places)) for row in rows], dtype=np.intp)
+    first = np.unique(of, return_index=True)[1]
+    return rows[first], of
 
 
 def _form_names(member: str) -> list[str]:

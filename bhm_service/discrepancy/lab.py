@@ -138,8 +138,8 @@ class Lab:
         charge = np.clip(soc, 0.0, 1.0)
         amps = self._bending(cell) * (low + (high - low) * charge)
         amps += (skew * self.ohmic_share / _SKEW_S) * (cell - late[-1])
-        for own, share in zip(late[:-1], drops, strict=True):
-            amps += own * np.interp(soc, DROP_SOC, share)
+        for hat, shares in zip(hats(DROP_SOC, soc), drops.T, strict=True):
+            amps += hat * np.tensordot(shares, late[:-1], axes=1)
         return np.asarray(self.series * (np.interp(soc, BEND_SOC, sizes[: BEND_SOC.size]) - self.ohm * amps))
 
     def _bending(self, cell: Array) -> Array:

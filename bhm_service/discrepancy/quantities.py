@@ -20,8 +20,7 @@ _ROUNDS = 150  # of the one fit that is reported, to its very end
 def measured(fitted: Fitted) -> Fitted:
     """A set's fit with nothing expected of its members' sizes: they are there, and the flights say how large.
 
-    What is expected of a size is what a search needs. Of what was found it would make every large one too small, and so
-    would a search's fits, which end early: a size far from what was expected is reached along a narrow, bent valley.
+    What is expected of a size is what a search needs. Of what was found it would make every large one too small.
     """
     members = tuple(member.unexpected() for member in fitted.joint.members)
     if not members:

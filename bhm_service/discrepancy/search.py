@@ -165,8 +165,7 @@ def _absent(joint: Joint, start: Fitted, candidate: Candidate) -> Array:
     """The smaller set's fit with the candidate added at no effect."""
     x = _carried(joint, start)
     for u in candidate.amplitudes():
-        assert u.declared.absent is not None
-        x[joint.unknowns.slice_of(u.name)] = np.log(u.declared.absent) if u.log else u.declared.absent
+        x[joint.unknowns.slice_of(u.name)] = u.declared.absent
     return x
 
 
@@ -214,10 +213,8 @@ def _usual(at: Fitted, joint: Joint, candidate: Candidate) -> Array:
     absent = _absent(joint, at, candidate)
     usual = absent.copy()
     for u in candidate.amplitudes():
-        assert u.declared.absent is not None
         mean, sd = u.prior
-        size = mean if mean != u.declared.absent else mean + sd
-        usual[joint.unknowns.slice_of(u.name)] = np.log(size) if u.log else size
+        usual[joint.unknowns.slice_of(u.name)] = mean if mean != u.declared.absent else mean + sd
     with_it, without = (np.concatenate(joint.residuals(x, at.noise)) for x in (usual, absent))
     return (with_it - without)[:, None]
 
