@@ -180,7 +180,7 @@ def fit(
     cost = _cost(joint, x, rows)
     curvature, gradient = _curvature(joint, rows, slopes), _gradient(joint, x, rows, slopes)
     damping, slow = _DAMPING, False
-    for _ in range(rounds):
+    for taken in range(rounds):
         held = still | ((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0))
         enough = _CLOSE + _CLOSE_SHARE * max(cost - (sum(r.size for r in rows) if aim is None else aim), 0.0)
         gain, harder = -1.0, 2.0
@@ -200,8 +200,9 @@ def fit(
         curvature, gradient = _curvature(joint, rows, slopes), _gradient(joint, x, rows, slopes)
         share = gain / max(expected, gain * _LEAST_DAMPING)
         damping = max(damping * max(0.2, 1.0 - (2.0 * share - 1.0) ** 3), _LEAST_DAMPING)
-        # One poor step, after which the next is shorter, is no end.
-        if gain < enough and (slow or share > _POOR):
+        # One poor step, after which the next is shorter, is no end. Nor is the first: what joins at no effect has no
+        # form by which it may be off until it is there.
+        if gain < enough and taken and (slow or share > _POOR):
             break
         slow = gain < enough
     return Fitted(joint=joint, noise=noise, x=x, cost=cost, rows=rows, curvature=curvature, gradient=gradient)

@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from discrepancy.flown import SIZES, base, flown, four, noise_model, with_members
+from scipy.optimize import minimize
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.battery.parameters import parameters_of
 from bhm_service.discrepancy.fitting import _boxed_step, cost_of, fit
+from bhm_service.discrepancy.slopes import Slopes
+from bhm_service.identification.unknowns import joined, numbers
 
 NOISE = noise_model()
 
@@ -88,6 +91,36 @@ def test_what_a_bound_stops_the_others_make_up_for():
     np.testing.assert_allclose(step, [1.0, -(1.0 + 1.0) / 3.0])
     np.testing.assert_allclose(_boxed_step(matrix, gradient, -9.0 * reach, 9.0 * reach, none), [2.6, -1.2])
     np.testing.assert_allclose(_boxed_step(matrix, gradient, -reach, reach, np.array([True, False])), [0.0, -1.0 / 3.0])
+
+
+class Formed:
+    """Residuals y - a (g + c h): what ``a`` adds has a form ``c`` that nothing shows while ``a`` is at none."""
+
+    def __init__(self):
+        self.unknowns = joined([numbers("a", np.zeros(1), 5.0, 50.0), numbers("c", np.zeros(1), 1.0, 5.0)])
+        self.scale = np.array([5.0, 1.0])
+        self.known = np.eye(2)
+        self._plain, self._form = 0.5 * np.eye(40)[0], 5.0 * np.eye(40)[1]
+        self._told = 3.0 * (self._plain + 2.0 * self._form)
+
+    def pulls(self, x):
+        return self.unknowns.pulls(x)[0]
+
+    def residuals(self, x, noise):
+        return [self._told - x[0] * (self._plain + x[1] * self._form)]
+
+    def linearised(self, x, noise):
+        by = -np.column_stack([self._plain + x[1] * self._form, x[0] * self._form]) * self.scale
+        return self.residuals(x, noise), [Slopes(by, np.arange(2), 2)]
+
+
+def test_what_joins_at_no_effect_shows_its_form_before_a_fit_ends():
+    """Its first step gains next to nothing of what there is to gain, and expected no more."""
+    problem = Formed()
+    found = fit(problem, NOISE, aim=0.0)
+    least = minimize(lambda x: cost_of(problem, x, NOISE), [3.0, 2.0], method="Nelder-Mead", tol=1e-9)
+    assert cost_of(problem, np.zeros(2), NOISE) > 20.0 * least.fun
+    assert found.cost < 1.1 * least.fun
 
 
 def test_blocks_that_are_not_to_move_stay():
