@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.lab import BEND_SOC, Lab
 
 _CHANCE = 1e-3  # over the whole curve, that a lab is off by as much
-_FAR = float(norm.isf(0.5 * _CHANCE / BEND_SOC.size))  # standard deviations
+_FAR = -float(ndtri(0.5 * _CHANCE / BEND_SOC.size))  # standard deviations
 _PEAK = 2.0  # times what a model is off by on average: somewhere every model is off by as much
 
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import gamma
+from scipy.special import gammaincc
 
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.units import Array
@@ -69,7 +69,8 @@ def _nats(series: Sequence[Array], times: Sequence[Array], frequencies: Array, c
         if known.any():
             ratios[known] += _over_beside(values, time_s, frequencies[known])
             count += known
-    return np.asarray(np.where(count > 0, -gamma.logsf(ratios, np.maximum(count, 1)), 0.0))
+    with np.errstate(divide="ignore"):  # odds too small for a number
+        return np.asarray(np.where(count > 0, -np.log(gammaincc(np.maximum(count, 1.0), ratios)), 0.0))
 
 
 def _over_beside(values: Array, time_s: Array, frequencies: Array) -> Array:
