@@ -10,10 +10,11 @@ import numpy as np
 from bhm_service.battery.effects.base import Effect
 from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.battery.pack import PackModel, Simulation
+from bhm_service.discrepancy import forms as form
 from bhm_service.discrepancy.abreast import Abreast, abreast
 from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.flights import FlightData
-from bhm_service.discrepancy.lab import BEND_SOC, Lab, LabError, hats
+from bhm_service.discrepancy.lab import BEND_SOC, Lab, LabError
 from bhm_service.discrepancy.noise import Noise
 from bhm_service.discrepancy.slopes import Slopes
 from bhm_service.identification.unknowns import Block, Unknowns, joined, numbers
@@ -30,16 +31,7 @@ _STEP = 1e-3  # of finite differences, in standard deviations of what was known 
 _CHARGE_STEP = 1e-6  # of finite differences over the charge
 _STARTS = "start_soc"
 _PACKS = "pack_resistance"
-_PACKS_SD = 0.1  # of the logarithm: packs of one kind that nobody identified, from flight to flight
-
-# No equation of the catalogue is exact. What a member adds to the voltage may be off by these shares: from flight to
-# flight, over the state of charge, in how it grows with the load, and in how fast it follows it. A second effect has
-# to beat that.
-_FORM_FLIGHT_SD, _FORM_SOC_SD, _FORM_LOAD_SD, _FORM_LAG_SD = 0.08, 0.12, 0.3, 0.2
-_NO_LAG_SD = 1e-4  # of a skew: to change how fast that follows the load is to take it back
-_FORM_MEAN_SD = 0.02  # of all flights, and of all charges: what is off alike everywhere is the member's own size
-_FORM_SOC = np.array([0.15, 0.4, 0.65, 0.95])
-_FORM_LAG_S = (1.0, 10.0, 60.0)
+_PACKS_SD, _PACKS_REACH = 0.1, 0.5  # of the logarithm: packs that nobody identified, from flight to flight
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,9 +78,9 @@ class Joint:
         starts = Block(
             name=_STARTS, start=mean, low=np.full(mean.size, 0.02), high=np.full(mean.size, 1.06), prior=mean, sd=sd
         )
-        packs = [] if self.lab.identified else [_about_zero(_PACKS, len(self.flights), _PACKS_SD)]
+        packs = [] if self.lab.identified else [numbers(_PACKS, np.zeros(len(self.flights)), _PACKS_SD, _PACKS_REACH)]
         members = [b for c in self.members for b in c.blocks(len(self.flights))]
-        forms = [b for c in self.members for b in self._form_blocks(c.id)]
+        forms = [b for c in self.members for b in form.blocks(c.id, len(self.flights))]
         return joined(self.lab.blocks(), [starts], packs, members, self.lab.additions(), forms)
 
     @cached_property
@@ -101,12 +93,6 @@ class Joint:
         """Those of the lab's errors."""
         names = [b.name for b in self.lab.additions()]
         return slice(self.places[names[0]].start, self.places[names[-1]].stop)
-
-    def _form_blocks(self, name: str) -> list[Block]:
-        lag_sd = _NO_LAG_SD if name == TimeSkew.id else _FORM_LAG_SD
-        sizes = {"flight": (len(self.flights), _FORM_FLIGHT_SD), "soc": (_FORM_SOC.size, _FORM_SOC_SD),
-                 "load": (1, _FORM_LOAD_SD), "lag": (len(_FORM_LAG_S), lag_sd)}  # fmt: skip
-        return [_about_zero(own, *sizes[kind]) for kind, own in zip(sizes, _form_names(name), strict=True)]
 
     def _start_sd(self, flight: FlightData) -> float:
         if not self.lab.identified:
@@ -138,7 +124,7 @@ class Joint:
     def per_flight(self) -> frozenset[str]:
         """Blocks that hold one number for every flight."""
         own = {u.name for c in self.members for u in c.unknowns if u.per_flight}
-        return frozenset({_STARTS, _PACKS} | own | {f"form_flight.{c.id}" for c in self.members})
+        return frozenset({_STARTS, _PACKS} | own | {form.by_flight(c.id) for c in self.members})
 
     @cached_property
     def _columns(self) -> Places:
@@ -153,7 +139,7 @@ class Joint:
     @cached_property
     def _forms(self) -> list[Places]:
         """For each member, the numbers of its form, flight by flight; (flights, numbers)."""
-        return [self._of(_form_names(c.id)) for c in self.members]
+        return [self._of(form.names_of(c.id)) for c in self.members]
 
     def _of(self, names: list[str]) -> Places:
         """Where some blocks stand, flight by flight: of those that hold a number for each only its own."""
@@ -275,8 +261,9 @@ class Joint:
         soc = np.broadcast_to(run.soc, wide.shape)[:count]
         voltage = wide[:count] + self._beside(points, group, soc)
         members = [wide[: rows.size] - wide[count + rows] for rows in of]
-        for own, added in zip(self._forms if formed else (), members, strict=False):
-            voltage += _formed(points[:, own[group.places]], added, group, soc)
+        if formed:
+            for own, added in zip(self._forms, members, strict=True):
+                voltage += form.formed(points[:, own[group.places]], added, group, soc)
         rested = self._rested(pack, group, run)
         if rested is not None:
             rested = rested[:count] + self.lab.bent_v(points[:, self._lab_adding], soc[:, :, -1])
@@ -302,7 +289,7 @@ class Joint:
         lab = self.lab.added(*group.followed_at(skew_s), run.soc)
         if not self.members:
             return lab
-        forms = np.swapaxes(_form_shapes(run.members, group, run.soc), 0, 1)
+        forms = np.swapaxes(form.shapes(run.members, group, run.soc), 0, 1)
         return np.concatenate([lab, forms.reshape(-1, *run.soc.shape)])
 
     def _rested(self, flown: PackModel, group: Abreast, run: Simulation) -> Array | None:
@@ -429,10 +416,10 @@ class Joint:
         """What is known of sums of numbers: the lab's, of full charges, and that a form changes no member's size."""
         rows = [self.lab.ties(self.unknowns), self._start_ties()]
         for member in self.members:
-            for name in (f"form_flight.{member.id}", f"form_soc.{member.id}"):
+            for name in (form.by_flight(member.id), form.by_charge(member.id)):
                 row = np.zeros((1, self.scale.size))
                 sds = self.scale[self.places[name]]
-                row[0, self.places[name]] = sds / (_FORM_MEAN_SD * sds.size)
+                row[0, self.places[name]] = sds / (form.MEAN_SD * sds.size)
                 rows.append(row)
         return np.concatenate(rows)
 
@@ -448,28 +435,3 @@ def _different(rows: Array) -> tuple[Array, Places]:
     of = np.array([places.setdefault(row.tobytes(), len(places)) for row in rows], dtype=np.intp)
     first = np.unique(of, return_index=True)[1]
     return rows[first], of
-
-
-def _form_names(member: str) -> list[str]:
-    """The blocks by which a member may be off, that of the flights first."""
-    return [f"form_{kind}.{member}" for kind in ("flight", "soc", "load", "lag")]
-
-
-def _form_shapes(added: Array, group: Abreast, soc: Array) -> Array:
-    """By which shapes what members add to the voltage (M, F, T) may be off (.., M, F, T), in the form blocks' order."""
-    late = [group.lag(tau)(added) - added for tau in _FORM_LAG_S]
-    return np.stack([added, *(added * hat for hat in hats(_FORM_SOC, soc)), added * group.lightness, *late])
-
-
-def _formed(sizes: Array, added: Array, group: Abreast, soc: Array) -> Array:
-    """Those shapes together, each of its size in each flight (M, F, shapes), of what a member adds; (M, F, T)."""
-    level, charges, light, lags = np.split(sizes, np.cumsum([1, _FORM_SOC.size, 1]), axis=-1)
-    by = np.stack([np.interp(own, _FORM_SOC, row[0]) for own, row in zip(soc, charges, strict=True)])
-    total = added * (level - lags.sum(axis=-1, keepdims=True) + by + light * group.lightness)
-    for size, tau in zip(np.moveaxis(lags, -1, 0), _FORM_LAG_S, strict=True):
-        total += size[..., None] * group.lag(tau)(added)
-    return np.asarray(total)
-
-
-def _about_zero(name: str, size: int, sd: float) -> Block:
-    return numbers(name, np.zeros(size), sd, 5.0 * sd)

@@ -10,7 +10,7 @@ from battery.cells import CAPACITY_C
 from discrepancy.flown import BATTERY, SERIES, four, searching
 
 from bhm_service.discrepancy.bent_curve import bent_curve
-from bhm_service.discrepancy.explain import _outweighed
+from bhm_service.discrepancy.decision import outweighed
 from bhm_service.discrepancy.lab import lab_of
 from bhm_service.discrepancy.selection import NOTHING
 from bhm_service.discrepancy.words import left_in_words
@@ -34,7 +34,7 @@ def bumped(cell_v):
 @pytest.mark.parametrize("cell_v", [-0.035, 0.035])
 def test_a_bump_that_no_lab_misses_is_owned_up_to_with_its_place_and_size(cell_v):
     found = bumped(cell_v)
-    chosen, left = _outweighed(found, NOTHING, LAB, found.base.flights)
+    chosen, left = outweighed(found, NOTHING, LAB, found.base.flights)
     assert chosen.names == frozenset()
     assert left == bent_curve(found.fitted(frozenset()), LAB)
     assert left.soc == pytest.approx(AT, abs=0.04)

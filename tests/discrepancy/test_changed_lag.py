@@ -10,7 +10,7 @@ from discrepancy.flown import BATTERY, flown, noise_model, searching
 from scipy.signal import lsim
 
 from bhm_service.discrepancy.changed_lag import changed_lag
-from bhm_service.discrepancy.explain import _outweighed
+from bhm_service.discrepancy.decision import outweighed
 from bhm_service.discrepancy.fitting import fit
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.lab import lab_of
@@ -39,7 +39,7 @@ def found(flights):
 @pytest.mark.parametrize("first", [2, 3, 4])
 def test_a_filter_that_begins_with_a_flight_is_owned_up_to_with_that_flight(first):
     flights = [filtered(f, 1.0) if k >= first else f for k, f in enumerate(six())]
-    chosen, left = _outweighed(searching(flights, ["capacity-fade"]), NOTHING, LAB, flights)
+    chosen, left = outweighed(searching(flights, ["capacity-fade"]), NOTHING, LAB, flights)
     assert chosen.names == frozenset()
     assert left.flight == flights[first].label
     said = left_in_words(left)

@@ -9,7 +9,7 @@ import pytest
 from discrepancy.made import NOISE, flight, flown, lab
 
 from bhm_service.discrepancy.candidate import candidates
-from bhm_service.discrepancy.explain import courses_of
+from bhm_service.discrepancy.courses import courses_of
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.joint import Joint
 

@@ -9,11 +9,11 @@ import pytest
 from discrepancy.flown import base, catalogue, flown
 
 from bhm_service.battery.effects import EFFECTS
-from bhm_service.discrepancy.explain import _change_points
 from bhm_service.discrepancy.onset import begun, first_flight
 from bhm_service.discrepancy.search import Search, search
 from bhm_service.discrepancy.selection import select
 from bhm_service.discrepancy.sizes import Scene, size
+from bhm_service.discrepancy.summary import change_points
 from bhm_service.discrepancy.words import values_of
 
 CONTACT, OHM = frozenset({"contact-resistance"}), 0.012
@@ -38,7 +38,7 @@ def test_a_connector_is_worn_from_the_flight_on_from_which_it_is(there, first):
     assert first_flight(member) == first
     milliohm = fitted.joint.values(fitted.x[None, :])["contact-resistance.resistance"][0, 0]
     assert milliohm == pytest.approx(1e3 * OHM, rel=0.15)
-    assert [(c.flight, c.time_s) for c in _change_points(fitted)] == ([(f"{first:02d}.tlog", 0.0)] if first else [])
+    assert [(c.flight, c.time_s) for c in change_points(fitted)] == ([(f"{first:02d}.tlog", 0.0)] if first else [])
     scene = Scene(
         "contact-resistance", values_of(fitted, "contact-resistance"), fitted.joint.lab, found.base.flights, ()
     )

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from discrepancy.flown import BATTERY, four, noise, noise_model, searching
 
-from bhm_service.discrepancy.explain import _outweighed
+from bhm_service.discrepancy.decision import outweighed
 from bhm_service.discrepancy.lab import lab_of
 from bhm_service.discrepancy.recurring import recurring
 from bhm_service.discrepancy.selection import NOTHING
@@ -33,7 +33,7 @@ def left(series, flights):
 
 def test_a_load_that_switches_by_itself_is_owned_up_to_with_its_period():
     flights = [switched(f, 0.03, k) for k, f in enumerate(four())]
-    chosen, found = _outweighed(searching(flights, ["capacity-fade"]), NOTHING, LAB, flights)
+    chosen, found = outweighed(searching(flights, ["capacity-fade"]), NOTHING, LAB, flights)
     assert chosen.names == frozenset()
     assert found.period_s == pytest.approx(PERIOD_S, rel=0.03)
     assert f"every {found.period_s:.0f} s" in left_in_words(found)

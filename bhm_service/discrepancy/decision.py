@@ -1,0 +1,109 @@
+"""Which set of effects stands: it beats noise and phantoms, harms on no unseen flight, earns its place with the other
+model of the cell as well, and outweighs what it leaves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bhm_service.battery.effects.time_skew import TimeSkew
+from bhm_service.discrepancy import verdict
+from bhm_service.discrepancy.bent_curve import bent_curve
+from bhm_service.discrepancy.changed_lag import changed_lag
+from bhm_service.discrepancy.confirm import Unseen, harmful
+from bhm_service.discrepancy.crossing import Witness
+from bhm_service.discrepancy.decoys import contests
+from bhm_service.discrepancy.explanation import Contest, Left
+from bhm_service.discrepancy.flights import FlightData
+from bhm_service.discrepancy.lab import Lab
+from bhm_service.discrepancy.patterns import Pattern, telling
+from bhm_service.discrepancy.recurring import recurring
+from bhm_service.discrepancy.search import NATS, NEAR, STRUCTURAL, Names, Search, needed
+from bhm_service.discrepancy.selection import MUCH, NOTHING, Selection, select, share
+from bhm_service.discrepancy.significance import familywise
+from bhm_service.discrepancy.timing import timed
+
+_MOST_REFUTED = 8  # sets that are put to the test, the best first
+_SIGNIFICANT = 0.02  # over the whole catalogue
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Decision:
+    """The set that stands, and what it was held against."""
+
+    chosen: Selection
+    p_values: Mapping[str, float]  # of its members, over the whole catalogue
+    contests: Sequence[Contest] = ()  # with phantoms of what drives it
+    left: Left | None = None  # what it leaves that no effect has
+
+
+def decide(
+    unseen: Unseen, second: Witness | None, closer: Witness, logs: Sequence[FlightData], rng: np.random.Generator
+) -> Decision:
+    """The best set that beats all it is held against, or none.
+
+    ``second`` is the other model of the cell, ``closer`` this one on the flights at their own rate, ``logs``.
+    """
+    standing = _significant(unseen, second, closer, rng)
+    chosen, left = outweighed(unseen.found, standing.chosen, closer.lab, logs)
+    kept = standing.contests if chosen.names else ()
+    return Decision(chosen=chosen, p_values=standing.p_values, contests=kept, left=left)
+
+
+def _significant(unseen: Unseen, second: Witness | None, closer: Witness, rng: np.random.Generator) -> Decision:
+    """The best set that beats noise, is beaten by no phantom, harms on no unseen flight and has the other model's word.
+
+    A skew has to stand on the logs' own samples (``closer``) as well: over averaged ones it is not told from what a
+    cell relaxes within a second, of which the samples themselves show that part comes at once. One that does not is
+    part of no set. Sets are dropped one by one; a catalogue of which the best are all refuted has nothing to say.
+    """
+    found = unseen.found
+    refuted: list[Names] = []
+    absent: Names = frozenset()
+    for _ in range(_MOST_REFUTED):
+        chosen = select(found, refuted, absent)
+        p_values = familywise(found, chosen.names, rng)
+        if not chosen.names:
+            return Decision(chosen=chosen, p_values=p_values)
+        if all(p <= _SIGNIFICANT for p in p_values.values()) and not harmful(unseen, chosen.names):
+            rivals = contests(found, chosen.names, rng)
+            beaten = any(c.nats < -NEAR for c in rivals)
+            if not beaten and (second is None or _witnessed(second.earned(chosen.names))):
+                if timed(closer, chosen.names):
+                    return Decision(chosen=chosen, p_values=p_values, contests=rivals)
+                absent = frozenset({TimeSkew.id})
+        refuted.append(chosen.names)
+    return Decision(chosen=NOTHING, p_values={})
+
+
+def _witnessed(earned: Mapping[str, float]) -> bool:
+    """Whether every member earns something with the other cell model, and what looks like structure all it has to."""
+    return all(nats >= (needed(name) if name in STRUCTURAL else NEAR) for name, nats in earned.items())
+
+
+def outweighed(found: Search, chosen: Selection, lab: Lab, logs: Sequence[FlightData]) -> tuple[Selection, Left | None]:
+    """The selection and what it leaves; nothing is selected where what is left tells more than it does.
+
+    What by itself explains much of the misfit stays, with an unexplained rest. What looks like a model's structure is
+    no physics of this pack where something without a name does as well. ``logs`` are the flights at their own rate.
+    """
+    fitted = found.fitted(chosen.names)
+    # Neither is an error of the lab, however small: no model of a cell keeps time, or changes within a second.
+    left = recurring(fitted) or changed_lag(fitted, logs) or _pattern(found, chosen.names)
+    if not chosen.names:
+        return chosen, left or bent_curve(fitted, lab)
+    if left is not None and left.nats > found.evidence(chosen.names) and share(found, chosen.names) < MUCH:
+        return NOTHING, left
+    if chosen.names <= STRUCTURAL:
+        bare = telling(found.fitted(frozenset()))
+        if bare is not None and bare.nats > found.evidence(chosen.names) - NATS:
+            return NOTHING, bare
+    return chosen, left
+
+
+def _pattern(found: Search, names: Names) -> Pattern | None:
+    """The pattern that a set leaves; what is within the lab's own errors is one of those."""
+    return telling(found.fitted(names)) if names or verdict.beyond_lab(found) else None

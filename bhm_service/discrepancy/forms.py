@@ -1,0 +1,61 @@
+"""By what a member of a hypothesis may be off: no equation of the catalogue is exact.
+
+What a member adds to the voltage may be off by shares of itself: from flight to flight, over the state of charge, in
+how it grows with the load, and in how fast it follows it. A second effect has to beat that.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bhm_service.battery.effects.time_skew import TimeSkew
+from bhm_service.discrepancy.abreast import Abreast
+from bhm_service.discrepancy.lab import hats
+from bhm_service.identification.unknowns import Block, numbers
+from bhm_service.units import Array
+
+_FLIGHT_SD, _SOC_SD, _LOAD_SD, _LAG_SD = 0.08, 0.12, 0.3, 0.2
+_NO_LAG_SD = 1e-4  # of a skew: to change how fast that follows the load is to take it back
+_SOC = np.array([0.15, 0.4, 0.65, 0.95])
+_LAG_S = (1.0, 10.0, 60.0)
+_REACH = 5.0  # standard deviations
+MEAN_SD = 0.02  # of all flights, and of all charges: what is off alike everywhere is the member's own size
+
+
+def by_flight(member: str) -> str:
+    """The block that holds one number for every flight."""
+    return f"form_flight.{member}"
+
+
+def by_charge(member: str) -> str:
+    """The block over the state of charge."""
+    return f"form_soc.{member}"
+
+
+def names_of(member: str) -> list[str]:
+    """All blocks of a member, in the order of their `shapes`."""
+    return [by_flight(member), by_charge(member), f"form_load.{member}", f"form_lag.{member}"]
+
+
+def blocks(member: str, flights: int) -> list[Block]:
+    """Those blocks."""
+    lag_sd = _NO_LAG_SD if member == TimeSkew.id else _LAG_SD
+    sizes = ((flights, _FLIGHT_SD), (_SOC.size, _SOC_SD), (1, _LOAD_SD), (len(_LAG_S), lag_sd))
+    named = zip(names_of(member), sizes, strict=True)
+    return [numbers(name, np.zeros(size), sd, _REACH * sd) for name, (size, sd) in named]
+
+
+def shapes(added: Array, group: Abreast, soc: Array) -> Array:
+    """By which shapes what members add to the voltage (M, F, T) may be off; (shapes, M, F, T), of a flight one."""
+    late = [group.lag(tau)(added) - added for tau in _LAG_S]
+    return np.stack([added, *(added * hat for hat in hats(_SOC, soc)), added * group.lightness, *late])
+
+
+def formed(sizes: Array, added: Array, group: Abreast, soc: Array) -> Array:
+    """Those shapes together, each of its size in each flight (M, F, shapes), of what a member adds; (M, F, T)."""
+    level, charges, light, lags = np.split(sizes, np.cumsum([1, _SOC.size, 1]), axis=-1)
+    by = np.stack([np.interp(own, _SOC, row[0]) for own, row in zip(soc, charges, strict=True)])
+    total = added * (level - lags.sum(axis=-1, keepdims=True) + by + light * group.lightness)
+    for size, tau in zip(np.moveaxis(lags, -1, 0), _LAG_S, strict=True):
+        total += size[..., None] * group.lag(tau)(added)
+    return np.asarray(total)
