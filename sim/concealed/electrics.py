@@ -84,6 +84,8 @@ class Electrics:
         self._has_hysteresis = bool((lanes.hysteresis_v != 0.0).any())
         self._first = np.arange(shape[0])[:, None] * len(GRID)
         self._flat_ocv = np.ascontiguousarray(lanes.ocv_v).ravel()
+        self._flat_ohmic = np.ascontiguousarray(lanes.ohmic_table).ravel()
+        self._core_c = np.full(shape, np.nan)  # that the numbers below hold for; none yet
 
     @classmethod
     def of(cls, pack: Pack, worlds: list[CellKnobs], dt: float) -> Electrics:
@@ -108,22 +110,31 @@ class Electrics:
 
     def refresh(self, core_c: Array) -> None:
         """What moves with temperature and charge."""
+        if not np.array_equal(core_c, self._core_c):
+            self._warm(core_c)
         k, pack = self.knobs, self.pack
-        kelvin = core_c + 273.15
+        self.ohmic = self._warm_ohmic * self._lookup(self._flat_ohmic, self.z)
+        share = np.maximum(4.0 * self.z * (1.05 - self.z), 0.12) ** 0.5
+        self._per_exchange = self._warm_exchange / share
+        slope = np.interp(self.z, GRID, pack.entropy_v_per_k) * k.entropy
+        self._entropy_v, self._entropy_heat_v = slope * (core_c - 25.0), slope * self._kelvin
+        self._unmixed_v = self._lookup(self._flat_ocv, self.z) - self._surface_v()
+        if self._has_hysteresis:
+            self._unmixed_v = self._unmixed_v + k.hysteresis_v * self.turned
+
+    def _warm(self, core_c: Array) -> None:
+        """What moves with temperature alone."""
+        k, pack = self.knobs, self.pack
+        self._core_c = core_c.copy()
+        self._kelvin = kelvin = core_c + 273.15
         tilt = k.arrhenius / GAS * (1.0 / kelvin - 1.0 / REFERENCE_K)
         ohmic, kinetic, diffusion = (np.exp(e * tilt) for e in pack.activation_j_mol)
-        self.ohmic = pack.ohmic * k.resistance * ohmic * self._lookup(k.ohmic_table.ravel(), self.z)
-        share = np.clip(4.0 * self.z * (1.05 - self.z), 0.12, None) ** 0.5
-        self._per_exchange = 0.5 * k.resistance * kinetic / (pack.exchange_a * k.exchange * share)
+        self._warm_ohmic = pack.ohmic * k.resistance * ohmic
+        self._warm_exchange = 0.5 * k.resistance * kinetic / (pack.exchange_a * k.exchange)
         self._twice_thermal = 2.0 * GAS * kelvin / FARADAY
         speed = k.diffusion / diffusion
         cold = np.clip(1.0 - k.cold_per_k * np.clip(25.0 - core_c, 0.0, None), 0.4, None)
         self.charge_c = 3600.0 * pack.capacity_ah * pack.capacity * k.capacity * cold
-        slope = np.interp(self.z, GRID, pack.entropy_v_per_k) * k.entropy
-        self._entropy_v, self._entropy_heat_v = slope * (core_c - 25.0), slope * kelvin
-        self._unmixed_v = self._lookup(self._flat_ocv, self.z) - self._surface_v()
-        if self._has_hysteresis:
-            self._unmixed_v = self._unmixed_v + k.hysteresis_v * self.turned
         depletion = pack.depletion_s / speed / self.charge_c
         self._gain = np.stack(
             [
@@ -139,12 +150,14 @@ class Electrics:
         self._move = 2.0 * half / (1.0 + (half if self.dt < 0.5 else 2.0 * half))
 
     def _lookup(self, flat: Array, z: Array) -> Array:
-        at = np.clip((z - GRID[0]) / _STEP, 0.0, len(GRID) - 1.001)
+        at = (z - GRID[0]) / _STEP
+        np.minimum(np.maximum(at, 0.0, out=at), len(GRID) - 1.001, out=at)
         low = at.astype(np.intp)
-        part = at - low
+        at -= low
         low += self._first
         below = flat[low]
-        found: Array = below + part * (flat[low + 1] - below)
+        low += 1
+        found: Array = below + at * (flat[low] - below)
         return found
 
     def _inner_v(self) -> Array:

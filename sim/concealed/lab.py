@@ -40,7 +40,6 @@ def run(pack: Pack, current_a: Array, dt: float, until_empty: bool) -> tuple[Arr
     cells = Electrics.of(pack, [neutral(1, ("hover",), 0.0 * one).cells], dt)
     voltage, flown = np.empty(len(current_a)), current_a.copy()
     empty_at = None
-    zero = np.zeros(1)
     for k in range(len(current_a)):
         if k % max(round(5.0 / dt), 1) == 0:
             cells.refresh(np.full((1, SERIES), _LAB_C))
@@ -49,9 +48,9 @@ def run(pack: Pack, current_a: Array, dt: float, until_empty: bool) -> tuple[Arr
             if (k - empty_at) * dt >= 300.0:
                 return voltage[:k], flown[:k]
         current = flown[k : k + 1]
-        source, ohm = cells.source(zero)
-        voltage[k] = (source - ohm * current)[0]
-        if until_empty and empty_at is None and cells.cells_v(current).min() < _CUT_V:
+        volts = cells.cells_v(current)
+        voltage[k] = volts.sum()
+        if until_empty and empty_at is None and volts.min() < _CUT_V:
             empty_at = k
         cells.step(current)
     return voltage, flown
