@@ -192,7 +192,7 @@ class ChemFamily(Family):
             positive("tau_p", 20.0, 0.05, 2000.0, 4.0),
             positive("tau_n", 100.0, 0.05, 2000.0, 4.0),
             numbers("u_0", np.array([u_0]), 0.5, 1.0),
-            numbers("a_p", a, 10.0 * reach, _FAR),
+            replace(numbers("a_p", a, 10.0 * reach, _FAR), series=True),
         ]
 
     def read_at(self, states: tuple[Array, ...]) -> Array:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.linalg import qr
+from scipy.linalg import qr, svd
 from scipy.optimize import least_squares, minimize
 
 from bhm_service.identification.problem import Problem
@@ -71,6 +71,7 @@ def _trf(problem: Problem, start: Array, moving: Array, evaluations: int) -> Sol
     inside = np.clip(start[moving], low + 1e-6 * (high - low), high - 1e-6 * (high - low))
 
     columns = np.flatnonzero(moving)
+    axes, low, high = _axes(problem, _whole(start, moving, inside), columns, low, high)
     last: dict[bytes, Array] = {}
 
     def triangle(part: Array) -> Array:
@@ -81,17 +82,34 @@ def _trf(problem: Problem, start: Array, moving: Array, evaluations: int) -> Sol
         key = part.tobytes()
         if key not in last:
             last.clear()
-            residual, jacobian = problem.linearised(_whole(start, moving, part), columns)
-            last[key] = qr(np.column_stack([jacobian, residual]), mode="raw", overwrite_a=True, check_finite=False)[1]
+            residual, jacobian = problem.linearised(_whole(start, moving, axes @ part), columns)
+            rows = np.column_stack([jacobian @ axes, residual])
+            last[key] = qr(rows, mode="raw", overwrite_a=True, check_finite=False)[1]
         return last[key]
 
     found = least_squares(
-        lambda part: triangle(part)[:, -1], inside, jac=lambda part: triangle(part)[:, :-1], bounds=(low, high),
-        x_scale="jac", max_nfev=evaluations, ftol=1e-5, xtol=1e-6,
+        lambda part: triangle(part)[:, -1], axes.T @ inside, jac=lambda part: triangle(part)[:, :-1],
+        bounds=(low, high), x_scale="jac", max_nfev=evaluations, ftol=1e-5, xtol=1e-6,
     )  # fmt: skip
-    return Solution(
-        problem=problem, x=_whole(start, moving, found.x), cost=float(found.cost), evaluations=int(found.nfev)
-    )
+    x = _whole(start, moving, axes @ found.x)
+    return Solution(problem=problem, x=x, cost=float(found.cost), evaluations=int(found.nfev))
+
+
+def _axes(problem: Problem, x: Array, columns: np.ndarray, low: Array, high: Array) -> tuple[Array, Array, Array]:
+    """The numbers that move by axes along which a series can be told apart (n, n), orthonormal, and their bounds.
+
+    The coefficients of a series nearly make up for each other: to a trust region that is drawn along them the way to
+    the minimum is a narrow valley that it creeps along. Along the principal axes of what they do to the recordings it
+    is an ordinary slope. Only the series is turned, whose bounds are so far that any box around them will do.
+    """
+    axes, low, high = np.eye(columns.size), low.copy(), high.copy()
+    own = np.array([b.series for b in problem.unknowns.blocks for _ in range(b.size)])[columns]
+    if own.any():
+        _, jacobian = problem.linearised(x, columns[own])
+        axes[np.ix_(own, own)] = svd(jacobian, full_matrices=False)[2].T
+        reach = float(np.linalg.norm(np.maximum(np.abs(low[own]), np.abs(high[own]))))
+        low[own], high[own] = -reach, reach
+    return axes, low, high
 
 
 def _nelder_mead(problem: Problem, start: Array, moving: Array, evaluations: int) -> Solution:

@@ -22,6 +22,7 @@ class Block:
     prior: Array  # mean
     sd: Array  # of the prior; infinite where nothing was known
     log: bool = False
+    series: bool = False  # numbers of one kind that stand for a curve only together
 
     @property
     def size(self) -> int:

@@ -6,18 +6,20 @@ round.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bhm_service.identification.experiment import Kind
 from bhm_service.identification.problem import Problem
-from bhm_service.identification.solve import solve
+from bhm_service.identification.solve import Solution, solve
 from bhm_service.identification.unknowns import Block
-from bhm_service.units import Array
+from bhm_service.units import Array, Flags
 
 BETTER = 0.95  # of the error without it: what an addition has to reach
 _PIECES = 10
+_EVALUATIONS = 25  # of a fit
 _EDGE = 0.02  # of a bound's range (in the fit's own numbers): nearer than this is at the bound
 _AGREEING = 0.5  # of what was not known before
 _LEAST_V = 1e-6  # [V] that anything is off by
@@ -44,10 +46,11 @@ def unseen_error(problem: Problem) -> Unseen:
     changes: list[list[float]] = [[] for _ in problem.experiments]
     additions = problem.family.extras.blocks(problem.family.ohm)
     found_x: list[Array] = []
-    for fold in (0, 1):
-        pieces = [np.arange(e.time_s.size) * _PIECES // e.time_s.size % 2 == fold for e in problem.experiments]
-        seen = tuple(u & p for u, p in zip(problem.used, pieces, strict=True))
-        found = solve(replace(problem, used=seen), evaluations=25)
+    halves = [
+        [np.arange(e.time_s.size) * _PIECES // e.time_s.size % 2 == fold for e in problem.experiments]
+        for fold in (0, 1)
+    ]
+    for pieces, found in zip(halves, _fits([_seen(problem, pieces) for pieces in halves]), strict=True):
         found_x.append(found.x)
         for own, quick, e, used, piece, (misfit, soc) in zip(
             squares, changes, problem.experiments, problem.used, pieces, problem.misfits(found.x), strict=True
@@ -66,6 +69,23 @@ def unseen_error(problem: Problem) -> Unseen:
     )
 
 
+def _seen(problem: Problem, pieces: Sequence[Flags]) -> Problem:
+    """The problem on some samples only."""
+    return replace(problem, used=tuple(u & p for u, p in zip(problem.used, pieces, strict=True)))
+
+
+def _fits(halves: Sequence[Problem]) -> list[Solution]:
+    """The best fit to each half, from the usual start and from where the other came to rest.
+
+    What only one of two fits to the same cell finds is a valley that the other missed, and no word on a form.
+    """
+    found = [solve(half, evaluations=_EVALUATIONS) for half in halves]
+    again = [
+        solve(half, starts=[other.x], evaluations=_EVALUATIONS) for half, other in zip(halves, found[::-1], strict=True)
+    ]
+    return [min(pair, key=lambda s: s.cost) for pair in zip(found, again, strict=True)]
+
+
 def _typical(means: Array) -> float:
     return float(np.exp(0.5 * np.log(means).mean()))
 
@@ -76,7 +96,7 @@ def foretold(problem: Problem) -> list[float]:
     errors = []
     for left_out in loaded if len(loaded) > 1 else ():
         seen = tuple(used & (k != left_out) for k, used in enumerate(problem.used))
-        found = solve(replace(problem, used=seen), evaluations=25)
+        found = solve(replace(problem, used=seen), evaluations=_EVALUATIONS)
         misfit, soc = problem.misfits(found.x)[left_out]
         weight = problem.experiments[left_out].weights() * (problem.used[left_out] & (soc > _LEAST_SOC))
         errors.append(float(np.sqrt(np.nansum(weight * misfit**2) / weight.sum())))
