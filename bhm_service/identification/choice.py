@@ -8,7 +8,7 @@ its standard deviations. What is over within seconds is judged by the error from
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -41,7 +41,7 @@ def choose(
         progress(f"{candidate.name}: {what}")
         return unseen_error(problem_for(candidate, experiments, premises))
 
-    def with_additions(bare: Family, curve: str) -> tuple[Family, Unseen, list[str]]:
+    def with_additions(bare: Family, curve: str) -> tuple[Family, Unseen, dict[str, str]]:
         best, error, said = bare, unseen(bare, f"pieces that the fit does not see{curve}"), dict[str, str]()
         additions = _additions(bare, experiments)
         judged: dict[str, Extras] = {}  # beside what each was left out: a fault that is mended since may have hidden it
@@ -65,7 +65,7 @@ def choose(
             if joins:
                 best, error = candidate, by_it
                 del additions[what]
-        return best, error, list(said.values())
+        return best, error, said
 
     def foretells(bare: Family, candidate: Family) -> tuple[bool, str]:
         by_one, by_two = (foretold(problem_for(f, experiments, premises)) for f in (bare, candidate))
@@ -76,7 +76,8 @@ def choose(
             f"recordings foretold by the others are off by {_listed(by_two)} mV with it, {_listed(by_one)} mV without"
         )
 
-    def with_an_hour(best: Family, error: Unseen, said: list[str]) -> tuple[Family, float, list[str]]:
+    def with_an_hour(best: Family, error: Unseen, told: Mapping[str, str]) -> tuple[Family, float, list[str]]:
+        said = list(told.values())
         if not best.extras.slow:
             return best, error.rms, said
         slower = best.with_extras(replace(best.extras, slower=True))
@@ -91,16 +92,16 @@ def choose(
 
     if not (isinstance(family, CircFamily) and any_curve):
         return with_an_hour(*with_additions(family, ""))
-    # Each curve with what it needs beside it: slow diffusion that is missing passes for a fault of the curve.
+    # Slow diffusion that is missing passes for a fault of the curve: the cubic begins with what the spline needs.
     spline = with_additions(family, ", spline")
-    cubic = with_additions(replace(family, ocv="cubic"), ", the paper's cubic")
+    cubic = with_additions(replace(family, ocv="cubic", extras=spline[0].extras), ", the paper's cubic")
     by_spline, by_cubic = spline[1].typical, cubic[1].typical
-    best, error, remarks = cubic if by_cubic <= by_spline else spline
+    best, error, told = (*cubic[:2], spline[2] | cubic[2]) if by_cubic <= by_spline else spline
     said = (
         f"open-circuit curve: {_CURVES[best is cubic[0]]}; "
         f"unseen pieces are off by {1e3 * by_spline:.1f} mV with a spline, {1e3 * by_cubic:.1f} mV with the cubic"
     )
-    return with_an_hour(best, error, [said, *remarks])
+    return with_an_hour(best, error, {"": said} | told)
 
 
 def _better(what: str, by_it: Unseen, error: Unseen) -> bool:
