@@ -8,7 +8,7 @@ its standard deviations. What is over within seconds is judged by the error from
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -76,8 +76,7 @@ def choose(
             f"recordings foretold by the others are off by {_listed(by_two)} mV with it, {_listed(by_one)} mV without"
         )
 
-    def with_an_hour(best: Family, error: Unseen, told: Mapping[str, str]) -> tuple[Family, float, list[str]]:
-        said = list(told.values())
+    def with_an_hour(best: Family, error: Unseen, said: list[str]) -> tuple[Family, float, list[str]]:
         if not best.extras.slow:
             return best, error.rms, said
         slower = best.with_extras(replace(best.extras, slower=True))
@@ -91,7 +90,8 @@ def choose(
         return best, error.rms, [*said, remark]
 
     if not (isinstance(family, CircFamily) and any_curve):
-        return with_an_hour(*with_additions(family, ""))
+        best, error, told = with_additions(family, "")
+        return with_an_hour(best, error, list(told.values()))
     # Slow diffusion that is missing passes for a fault of the curve: the cubic begins with what the spline needs.
     spline = with_additions(family, ", spline")
     cubic = with_additions(replace(family, ocv="cubic", extras=spline[0].extras), ", the paper's cubic")
@@ -101,7 +101,7 @@ def choose(
         f"open-circuit curve: {_CURVES[best is cubic[0]]}; "
         f"unseen pieces are off by {1e3 * by_spline:.1f} mV with a spline, {1e3 * by_cubic:.1f} mV with the cubic"
     )
-    return with_an_hour(best, error, {"": said} | told)
+    return with_an_hour(best, error, [said, *told.values()])
 
 
 def _better(what: str, by_it: Unseen, error: Unseen) -> bool:
