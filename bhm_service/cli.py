@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from bhm_service.allocator import keep_freed
 from bhm_service.errors import BadInputError
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
@@ -140,6 +141,7 @@ def identify(**given: Any) -> None:
     Recordings are tables (.csv, .csv.gz) or logs. The paper's three experiments are --slow, --one-c and --variable;
     it works with less, and says what the recordings left open.
     """
+    keep_freed()
     from bhm_service.commands.identify import identify_pack, task_of
 
     identify_pack(task_of(given))
@@ -194,6 +196,7 @@ def explain(**given: Any) -> None:
 
     Writes findings.json, report.html and, where something was found, the repaired battery.toml and vehicle.toml.
     """
+    keep_freed()
     from bhm_service.commands.explain import Task, explain_logs
 
     sys.exit(explain_logs(Task(**given)))
