@@ -25,7 +25,7 @@ from bhm_service.discrepancy.flights import FlightData, LeftOut
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.lab import Lab, lab_of
 from bhm_service.discrepancy.locate import regime_maps, variables
-from bhm_service.discrepancy.quantities import measured
+from bhm_service.discrepancy.quantities import measured, teller
 from bhm_service.discrepancy.repair import flying, patched, repaired, retuned
 from bhm_service.discrepancy.search import LEAST_SNR, Names, Progress, Search, search
 from bhm_service.discrepancy.selection import Selection, taken
@@ -116,7 +116,9 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
         not_excited=(*missing, *_not_excited(found, tried)),
         flying=flying(fitted.joint, fitted),
         sentence=sentence(findings, len(flights), moved_of(fitted), told=bool(request.told), left=described),
-        in_words=[effect_in_words(e.id, values_of(fitted, e.id), lab, flights, courses) for e in findings.effects],
+        in_words=[
+            effect_in_words(e.id, values_of(teller(fits, e.id), e.id), lab, flights, courses) for e in findings.effects
+        ],
         findings=findings,
         demand=demand_side(request.vehicle, request.flights),
     )

@@ -316,9 +316,22 @@ class Joint:
 
     def _whitened(self, series: Array, group: Abreast, noise: Noise) -> Array:
         """The same of flights side by side (.., F, T)."""
+        return noise.whitened(series, self._beside_noise(group, noise))
+
+    def _beside_noise(self, group: Abreast, noise: Noise) -> Array:
+        """How many times an innovation's own size it is doubted for what a sample cannot tell; (F, T)."""
         ohm = self.lab.ohm * self.lab.ohmic_share * self.lab.series / self.lab.parallel
         beside = noise.sudden * (ohm * group.sudden_a) / noise.sigma_v
-        return noise.whitened(series, np.sqrt(1.0 + beside**2))
+        return np.asarray(np.sqrt(1.0 + beside**2))
+
+    def log_scale(self, noise: Noise) -> float:
+        """Sum over all samples read of the log of the volts that a whitened residual of one stands for."""
+        total = 0.0
+        for group in abreast(self.flights):
+            beside = self._beside_noise(group, noise)
+            read = np.arange(beside.shape[-1]) < np.array([[f.time_s.size] for f in group.flights])
+            total += float(np.sum(np.log(noise.scale_v * beside)[read & ~group.unread]))
+        return total
 
     def _rows(self, run: _Run, group: Abreast, noise: Noise) -> list[Array]:
         """Whitened residuals of each flight, nothing where no voltage was read, and the rested one; (M, rows) each."""

@@ -35,6 +35,11 @@ class Noise:
         return float(self.sigma_v * np.sqrt(self._gain))
 
     @property
+    def scale_v(self) -> float:
+        """What an innovation of one stands for. [V]"""
+        return float(self.sigma_v * np.sqrt(self.doubt))
+
+    @property
     def _gain(self) -> float:
         return 1.0 + (self.phi - self.theta) ** 2 / (1.0 - self.phi**2)
 
@@ -48,14 +53,13 @@ class Noise:
 
     def whitened(self, residual: Array, beside: Array | float = 1.0) -> Array:
         """Innovations along the last axis, in standard deviations or ``beside`` times (.., T) those."""
-        scale = self.sigma_v * np.sqrt(self.doubt) * beside
         white = np.empty(residual.shape)
         # The first sample counts for what the process does on average, and the filter starts from there.
         np.divide(residual[..., :1], np.sqrt(self._gain), out=white[..., :1])
         gain = residual[..., 1:] - self.phi * residual[..., :-1]
         # `scipy.signal` does this a quarter sooner, and takes most of a second to be imported.
         white[..., 1:] = recurrence(np.full(gain.shape[-1], self.theta), gain, white[..., :1])
-        white /= scale
+        white /= self.scale_v * beside
         return white
 
 

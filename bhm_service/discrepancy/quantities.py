@@ -28,12 +28,39 @@ def measured(fitted: Fitted) -> Fitted:
     return fit(replace(fitted.joint, members=members), fitted.noise, fitted.x, rounds=_ROUNDS, aim=np.inf)
 
 
-def parameters(fitted: Fitted, name: str, others: Sequence[Fitted] = ()) -> dict[str, Quantity]:
+def teller(fits: Sequence[Fitted], name: str) -> Fitted:
+    """Of the fits of one set by several models of the cell, the one whose numbers of a member are told.
+
+    It is that of the model under which the flights are likeliest, among those that give the member the same numbers as
+    the first one does. The model that a search was made with is often not the one that follows the flights better, and
+    what it cannot follow it lays on the size of what it found.
+    """
+    asked = _numbers(fits[0], name)
+    return max((f for f in fits if _numbers(f, name) == asked), key=_likelihood)
+
+
+def _likelihood(fitted: Fitted) -> float:
+    """Log of how likely a model makes the flights, its noise as large as it leaves, and its own errors. [nats]
+
+    But for what is the same for all models. How far a noise is doubted says nothing of its model.
+    """
+    pulls = float(np.sum(fitted.joint.pulls(fitted.x) ** 2))
+    left = 0.5 * fitted.size * np.log(fitted.misfit) + fitted.joint.log_scale(fitted.noise)
+    return float(-left - 0.5 * pulls)
+
+
+def _numbers(fitted: Fitted, name: str) -> list[str]:
+    return [u.name for u in _member(fitted, name).unknowns]
+
+
+def parameters(fits: Sequence[Fitted], name: str) -> dict[str, Quantity]:
     """The numbers of one member, those of a flight by its number; in the units of the catalogue.
 
-    ``others`` are fits of the same members with other models of the cell. Which of the models is right nobody knows, so
-    a number's spread is that of their mixture about what the first one says.
+    ``fits`` are of the same members with several models of the cell. Which of the models is right nobody knows, so a
+    number's spread is that of their mixture about what one of them says.
     """
+    fitted = teller(fits, name)
+    others = [f for f in fits if f is not fitted]
     values = fitted.joint.values(fitted.x[None, :])
     found: dict[str, Quantity] = {}
     for u in _member(fitted, name).unknowns:

@@ -30,7 +30,7 @@ def findings_of(
     advised: Sequence[str],
 ) -> Findings:
     """The findings of the battery's side; ``fits`` are of the set that stands, with its own model of the cell first."""
-    fitted, *others = fits
+    fitted = fits[0]
     chosen, rivals = decision.chosen, decision.contests
     misfits = [c.flight.voltage_v - c.before_v for c in courses]
     before, after = _rms(misfits), _rms([c.flight.voltage_v - c.after_v for c in courses])
@@ -40,7 +40,7 @@ def findings_of(
     effects = [
         EffectFound(
             id=member.id,
-            parameters=parameters(fitted, member.id, others),
+            parameters=parameters(fits, member.id),
             evidence_nats=float(chosen.earned[member.id]),
             p_familywise=decision.p_values[member.id],
             share_of_misfit=float(explained * chosen.added_v[member.id] ** 2 / power),

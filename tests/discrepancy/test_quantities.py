@@ -10,7 +10,7 @@ from discrepancy.flown import catalogue, flown, four, noise_model, with_members
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.fitting import fit
-from bhm_service.discrepancy.quantities import measured, parameters
+from bhm_service.discrepancy.quantities import measured, parameters, teller
 
 FADE, LOAD = "capacity-fade", "unseen-load"
 
@@ -25,13 +25,14 @@ def moved(fitted, step):
     """The fit of another model that puts the lost capacity that far from there."""
     x = fitted.x.copy()
     x[fitted.joint.places[f"{FADE}.fade"]] += step
-    return replace(fitted, x=x)
+    return replace(fitted, x=x, rows=[1.001 * row for row in fitted.rows])
 
 
 def test_two_models_of_the_cell_are_two_halves_of_what_is_known(faded):
-    """The spread is that of draws from both, about what the first one says."""
-    alone = parameters(faded, FADE)["fade"]
-    both = parameters(faded, FADE, [moved(faded, 0.03)])["fade"]
+    """The spread is that of draws from both, about what the likelier one says, in whichever order they come."""
+    alone = parameters([faded], FADE)["fade"]
+    both = parameters([faded, moved(faded, 0.03)], FADE)["fade"]
+    assert both == parameters([moved(faded, 0.03), faded], FADE)["fade"]
     assert both.value == alone.value
     rng = np.random.default_rng(1)
     drawn = rng.normal(np.where(rng.random(200_000) < 0.5, 0.0, 0.03), alone.sd)
@@ -39,15 +40,26 @@ def test_two_models_of_the_cell_are_two_halves_of_what_is_known(faded):
 
 
 def test_models_of_the_cell_that_agree_add_nothing(faded):
-    alone, both = parameters(faded, FADE), parameters(faded, FADE, [moved(faded, 0.0)])
+    alone, both = parameters([faded], FADE), parameters([faded, moved(faded, 0.0)], FADE)
     assert both == alone
+
+
+def test_the_model_that_follows_the_flights_tells_the_numbers():
+    """A pack that lost a tenth, and a lab with twice its resistance: the other one's model is the pack's."""
+    flights = four(FADE, seed=2)
+    right = with_members(flights, {FADE})
+    wrong = replace(right, lab=replace(right.lab, cell=replace(right.lab.cell, r_s=2.0 * right.lab.cell.r_s)))
+    # How far a noise is doubted is no sign of its model.
+    fits = [fit(wrong, noise_model()), fit(right, replace(noise_model(), doubt=4.0))]
+    assert teller(fits, FADE) is fits[1]
+    assert teller(fits[::-1], FADE) is fits[1]
 
 
 def test_what_was_found_is_as_large_as_the_flights_say_and_not_as_expected():
     """Loads past the sensor are expected to be of 1.2 A, give or take 0.8 A; here it is of 4 A."""
     flights = [flown([EFFECTS[LOAD](current=4.0)], seed=2, number=k, rested=False) for k in range(4)]
     found = fit(with_members(flights, {LOAD}), noise_model())
-    as_expected, as_measured = parameters(found, LOAD)["current"], parameters(measured(found), LOAD)["current"]
+    as_expected, as_measured = parameters([found], LOAD)["current"], parameters([measured(found)], LOAD)["current"]
     assert as_expected.value < as_measured.value
     assert abs(as_measured.value - 4.0) < as_measured.sd < 0.4
 
