@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bhm_service.battery.effects.contact import IntermittentContact
 from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.discrepancy import verdict
 from bhm_service.discrepancy.bent_curve import bent_curve
@@ -28,6 +29,7 @@ from bhm_service.discrepancy.timing import timed
 
 _MOST_REFUTED = 8  # sets that are put to the test, the best first
 _SIGNIFICANT = 0.02  # over the whole catalogue
+_BRIEF = frozenset({TimeSkew.id, IntermittentContact.id})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,7 +50,8 @@ def decide(
     ``second`` is the other model of the cell, ``closer`` this one on the flights at their own rate, ``logs``.
     """
     standing = _significant(unseen, second, closer, rng)
-    chosen, left = outweighed(unseen.found, standing.chosen, closer.lab, logs)
+    chosen = standing.chosen if told_from_lab(unseen.found, standing.chosen.names) else NOTHING
+    chosen, left = outweighed(unseen.found, chosen, closer.lab, logs)
     kept = standing.contests if chosen.names else ()
     return Decision(chosen=chosen, p_values=standing.p_values, contests=kept, left=left)
 
@@ -77,6 +80,15 @@ def _significant(unseen: Unseen, second: Witness | None, closer: Witness, rng: n
                 absent = frozenset({TimeSkew.id})
         refuted.append(chosen.names)
     return Decision(chosen=NOTHING, p_values={})
+
+
+def told_from_lab(found: Search, names: Names) -> bool:
+    """Whether what a set explains is more than the battery is off by in the lab, or of another kind.
+
+    What a model leaves of the lab's own recordings it leaves in flight as well, and to what it leaves some effect of
+    a catalogue is always near. It lasts: what is there for seconds only is none of it, however little.
+    """
+    return verdict.beyond_lab(found) or bool(names & _BRIEF)
 
 
 def _witnessed(earned: Mapping[str, float]) -> bool:

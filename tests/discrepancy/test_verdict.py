@@ -9,6 +9,7 @@ from discrepancy.flown import BATTERY, flown, four, searching
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.battery.uncertainty import Uncertainty
+from bhm_service.discrepancy.decision import told_from_lab
 from bhm_service.discrepancy.explain import Request, explain
 from bhm_service.discrepancy.search import saturated_noise
 from bhm_service.discrepancy.verdict import beyond_lab
@@ -21,10 +22,15 @@ def of_lab(found, volts):
     return replace(found, base=replace(found.base, lab=replace(found.base.lab, voltage_error_v=volts)), fits={})
 
 
+def off_by(found):
+    """What a cell is off by over all flights, noise apart. [V]"""
+    misfit = sum(float((m**2).sum()) for m in found.base.misfits) / sum(m.size for m in found.base.misfits)
+    return (misfit - found.noise.sigma_v**2) ** 0.5 / found.base.lab.series
+
+
 def test_flights_are_beyond_the_lab_when_they_are_off_by_more_than_its_unseen_recordings():
     found = searching(four("resistance-growth"), {"resistance-growth"})
-    misfit = sum(float((m**2).sum()) for m in found.base.misfits) / sum(m.size for m in found.base.misfits)
-    cell = (misfit - found.noise.sigma_v**2) ** 0.5 / found.base.lab.series
+    cell = off_by(found)
     assert beyond_lab(of_lab(found, 0.9 * cell))
     assert not beyond_lab(of_lab(found, 1.1 * cell))
 
@@ -42,3 +48,22 @@ def test_a_battery_that_is_as_wrong_in_the_lab_as_in_flight_leaves_nothing_to_ex
     poor = replace(BATTERY, uncertainty=Uncertainty(voltage_error_v=0.05))
     found = explain(Request(battery=poor, flights=flights)).findings
     assert (found.verdict, found.effects, found.unexplained_rest) == ("none", [], 0.0)
+
+
+def test_what_a_battery_is_off_by_in_the_lab_as_well_gets_no_name_though_some_effect_is_always_near():
+    flights = [flown([EFFECTS["contact-resistance"](resistance=0.02)], seed=4, number=k) for k in range(4)]
+    cell = off_by(searching(flights, {"contact-resistance"}))
+    beyond, within = (
+        explain(Request(battery=replace(BATTERY, uncertainty=Uncertainty(voltage_error_v=v)), flights=flights)).findings
+        for v in (0.9 * cell, 1.1 * cell)
+    )
+    assert beyond.effects
+    assert within.effects == []
+
+
+@pytest.mark.parametrize("name", ["time-skew", "intermittent-contact"])
+def test_what_is_there_for_seconds_only_is_no_lasting_error_of_the_lab(name):
+    found = searching(four("resistance-growth"), {"resistance-growth"})
+    poor = of_lab(found, 2.0 * off_by(found))
+    assert told_from_lab(poor, frozenset({name, "resistance-growth"}))
+    assert not told_from_lab(poor, frozenset({"resistance-growth"}))
