@@ -21,7 +21,7 @@ check: $(VENV)/.ready-dev
 	$(BIN)/mypy
 
 bench: $(VENV)/.ready-bench
-	$(BIN)/pytest tests/benchmarks -p no:xdist --benchmark-disable-gc --benchmark-columns=median,iqr,rounds -o addopts="-q --import-mode=importlib"
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest tests/benchmarks -p no:xdist --benchmark-disable-gc --benchmark-columns=median,iqr,rounds -o addopts="-q --import-mode=importlib"
 
 # The long proofs of the onboard service: fifty kills in a flight, a day of flights with faults, a million frames.
 proofs: $(VENV)/.ready-dev
