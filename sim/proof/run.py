@@ -162,8 +162,7 @@ def _answered(
     answers: dict[str, list[Answer]], who: Answerer, folder: Path, jobs: int, progress: Progress
 ) -> list[dict[str, Any]]:
     """Every case to the answerer, which is told nothing unless it is the oracle."""
-    # The slowest are in the last suites: begun first, they leave no core waiting at the end.
-    everyone = [answer for of in reversed(answers.values()) for answer in of]
+    everyone = [answer for of in answers.values() for answer in of]
 
     def one(answer: Answer) -> dict[str, Any]:
         out = folder / "verdicts" / answer.case
