@@ -31,7 +31,7 @@ _HOVER_C = 2.0  # [1/h] load at which what a model is off by is weighed against 
 
 _LEAST_SD = {"resistance": 0.03, "polarisation": 0.15, "capacity": 0.01}  # of the logarithm: what a lab repeats to
 _BEND_SD = (0.003, 0.010)  # [V] a cell's open-circuit curve is known to, at best and at worst
-_DROP_SD = (0.03, 0.12)  # of the resistance, at each charge and relaxation, likewise; a lab repeats to no less
+_DROP_SD = (_LEAST_SD["resistance"], 0.12)  # of the resistance, at each charge and relaxation, likewise
 _FAST = {0.0: 3.0, 2.0: 3.0, 8.0: 2.0}  # times that: once a second hardly tells one fast relaxation from another
 _AT_ONCE_S = 2.0  # what is slower than this the lab tells from what comes at once
 _LEVEL_SD = 0.05  # of the resistance at each charge, within two seconds and a minute: the lab's own load pins it down
