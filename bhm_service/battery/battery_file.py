@@ -18,6 +18,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from bhm_service.battery.chem import Chem
 from bhm_service.battery.circ import Circ
 from bhm_service.battery.effects import KNOWN, Effect
+from bhm_service.battery.left_open import LeftOpen
 from bhm_service.battery.ocv import CubicCapacitance, MonotoneSpline, OpenCircuit
 from bhm_service.battery.parameters import Parameter, parameters_of
 from bhm_service.battery.uncertainty import Uncertainty
@@ -50,6 +51,7 @@ class BatteryFile:
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     sd: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # SI, per model and parameter
     shadow: str | None = None  # another battery file, relative to this one, that flies in its shadow
+    left_open: Mapping[str, LeftOpen] = field(default_factory=dict)  # per model, by the lab's recordings
 
     def effects(self, model: ModelName) -> tuple[Effect, ...]:
         """The effects that a model's pack has."""
@@ -77,6 +79,25 @@ class _Quantity(Strict):
 
 class _Shadow(Strict):
     file: str
+
+
+class _LeftOpen(Strict):
+    mean: dict[str, tuple[Annotated[float, Field(allow_inf_nan=False)], ...]]
+    factor: tuple[tuple[Annotated[float, Field(allow_inf_nan=False)], ...], ...]
+
+    @model_validator(mode="after")
+    def _is_a_triangle(self) -> _LeftOpen:
+        count = sum(len(values) for values in self.mean.values())
+        if [len(row) for row in self.factor] != list(range(1, count + 1)):
+            raise ValueError(f"factor must have {count} rows of 1 to {count} numbers, as many as mean has numbers")
+        if any(row[-1] <= 0.0 for row in self.factor):
+            raise ValueError("every row of factor must end with a number above 0")
+        return self
+
+
+class _LeftOpens(Strict):
+    circ: _LeftOpen | None = None
+    chem: _LeftOpen | None = None
 
 
 class _Cubic(Strict):
@@ -147,6 +168,7 @@ def _schema() -> type[BaseModel]:
         "effect": (tuple[union, ...], ()),
         "uncertainty": (section("Uncertainty", Uncertainty) | None, None),
         "shadow": (_Shadow | None, None),
+        "left_open": (_LeftOpens, _LeftOpens()),
     }
     return create_model("Battery", __base__=Strict, **fields)
 
@@ -184,6 +206,11 @@ def checked_battery(tables: dict[str, Any], where: str) -> BatteryFile:
         uncertainty=Uncertainty(**in_si(Uncertainty, given.uncertainty)[0]) if given.uncertainty else Uncertainty(),
         sd=sd,
         shadow=None if given.shadow is None else given.shadow.file,
+        left_open={
+            model: LeftOpen(mean=found.mean, factor=found.factor)
+            for model in MODELS
+            if (found := getattr(given.left_open, model)) is not None
+        },
     )
 
 
@@ -241,6 +268,8 @@ def write_battery(path: Path, battery: BatteryFile) -> None:
                 table.add(key, item)
             tables.append(table)
         document["effect"] = tables
+    if battery.left_open:
+        document["left_open"] = {model: _left_open_table(found) for model, found in battery.left_open.items()}
     path.write_text(tomlkit.dumps(document), encoding="utf-8")
 
 
@@ -273,9 +302,19 @@ def _ocv_table(circ: Circ) -> Any:
     return table
 
 
-def _numbers(values: tuple[Any, ...]) -> Any:
+def _left_open_table(found: LeftOpen) -> Any:
+    table = tomlkit.table()
+    table.add(tomlkit.comment("Errors of this model's form, as the recordings leave them: for bhm explain."))
+    table["mean"] = {name: _numbers(values, 4) for name, values in found.mean.items()}
+    rows = tomlkit.array()
+    rows.extend([_numbers(row, 4) for row in found.factor])
+    table.add("factor", rows.multiline(multiline=True))
+    return table
+
+
+def _numbers(values: tuple[Any, ...], digits: int = 10) -> Any:
     array = tomlkit.array()
-    array.extend([_rounded(float(v), 10) for v in values])
+    array.extend([_rounded(float(v), digits) for v in values])
     return array
 
 

@@ -32,6 +32,7 @@ class Parameter:
     source: str = ""  # of prior and bounds
     beside: str | None = None  # the driver without which it means nothing: fitted only where that is known
     unless: str | None = None  # the effect that says the same where the battery has it: there it stays at its default
+    apart: float | None = None  # of a value of every flight: what these differ by, its prior being that of them all
 
     def si(self, value: float) -> float:
         """A value in ``unit`` as the model holds it."""
@@ -55,11 +56,13 @@ def parameter(
     source: str = "",
     beside: str | None = None,
     unless: str | None = None,
+    apart: float | None = None,
 ) -> Any:
     """Declare a dataclass field as a model parameter; ``default`` is in SI, all else in ``unit``."""
     metadata = {
         _KEY: (
             symbol, unit, low, high, meaning, scale, absent, prior, per_flight, driver, model, source, beside, unless,
+            apart,
         ),
     }  # fmt: skip
     if default is None:

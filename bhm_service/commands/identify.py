@@ -16,6 +16,7 @@ from rich.table import Table
 
 from bhm_service.battery.battery_file import MODELS, ModelName, read_battery, write_battery
 from bhm_service.config import shipped
+from bhm_service.discrepancy.lab_errors import with_lab_errors
 from bhm_service.errors import BadInputError
 from bhm_service.guess import GENERIC_BATTERY, guess_vehicle
 from bhm_service.identification.bench import Bench, read_bench, read_held_out
@@ -147,8 +148,10 @@ def _from_bench(task: Task, said: Said, total: Callable[[int], None]) -> tuple[l
     source = ", ".join(f"{path.name} ({kind.value})" for kind, path in task.recordings)
     request = _request(task, benches, source, task.reading.series)
     request = replace(request, held_out=tuple(b.experiment for b in unseen))
-    total(steps(request))
-    return [*benches, *unseen], identify(request, said)
+    total(steps(request) + 1)
+    identified = identify(request, said)
+    said("what the models leave of the recordings")
+    return [*benches, *unseen], replace(identified, battery=with_lab_errors(identified.battery, identified.results))
 
 
 def _from_flights(task: Task, said: Said, total: Callable[[int], None]) -> tuple[list[Bench], Identified]:

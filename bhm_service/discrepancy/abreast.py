@@ -96,10 +96,8 @@ class Abreast:
 
     @cached_property
     def sudden_a(self) -> Array:
-        """Changes of current as fast as the samples, at both samples that they may be read in; (F, T)."""
-        change = np.abs(np.diff(self.current_a, axis=-1, prepend=self.current_a[:, :1]))
-        change[:, 1:] = np.maximum(change[:, 1:], change[:, :-1])
-        return change
+        """As `sudden` of the current; (F, T)."""
+        return sudden(self.current_a)
 
     def lag(self, tau_s: float) -> Follower:
         """What follows a series of the flights (.., F, T) with a time constant, from rest."""
@@ -110,6 +108,13 @@ class Abreast:
     @cached_property
     def _lags(self) -> dict[float, Follower]:
         return {}
+
+
+def sudden(current_a: Array) -> Array:
+    """Changes of a current (.., T) as fast as its samples, at both samples that they may be read in."""
+    change = np.abs(np.diff(current_a, axis=-1, prepend=current_a[..., :1]))
+    change[..., 1:] = np.maximum(change[..., 1:], change[..., :-1])
+    return change
 
 
 @lru_cache(maxsize=_KEPT)

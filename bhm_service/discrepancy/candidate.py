@@ -34,6 +34,19 @@ _OPEN = 10.0  # times what is declared: nothing that flights show is pulled by w
 _SCALE_NATS = 1.0  # that a scale costs which the flights themselves gave
 
 
+def alike_sd(count: int, sd: float, apart: float) -> float:
+    """Of each of some numbers that are alike but for ``apart``, if nothing tied them, so that their mean is known so.
+
+    `alike` ties them; ``sd`` is that of each of them as they are.
+    """
+    return float(np.sqrt(count * (sd**2 - apart**2) + apart**2))
+
+
+def alike(count: int, sd: float, apart: float) -> Array:
+    """What ties numbers of `alike_sd` ``sd`` to each other: times them, in that, standard normals; (count, count)."""
+    return np.asarray(np.sqrt((sd / apart) ** 2 - 1.0) * (np.eye(count) - 1.0 / count))
+
+
 @dataclass(frozen=True, slots=True)
 class Unknown:
     """One declared number over the flights: how it stands in the fit's vector."""
@@ -54,6 +67,8 @@ class Unknown:
         size = flights if self.per_flight else 1
         mean, sd = self.prior
         low, high = self.declared.low, self.declared.high
+        if self.per_flight and self.declared.apart is not None:
+            sd = alike_sd(size, sd, self.declared.apart)
         if not self.log:
             found = numbers(self.name, np.full(size, mean), sd, 1.0)
             return Block(

@@ -46,8 +46,7 @@ class Witness:
         joint = replace(self.base, members=members)
         first = fit_over_valleys(joint, rough, joint.unknowns.start)
         noise = saturated_noise(first, ())
-        pulls = first.joint.unknowns.pulls(first.x)[0]
-        lab = self.lab.widened(lambda name: pulls[first.joint.places[name]])
+        lab = self.lab.widened(lambda name: first.joint.pulled(name, first.x))
         found = Search(replace(self.base, lab=lab), members, noise)
         found.fitted(names, first)
         self._searches[names] = found

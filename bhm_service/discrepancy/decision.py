@@ -22,7 +22,7 @@ from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.lab import Lab
 from bhm_service.discrepancy.patterns import Pattern, telling
 from bhm_service.discrepancy.recurring import recurring
-from bhm_service.discrepancy.search import NATS, NEAR, STRUCTURAL, Names, Search, needed
+from bhm_service.discrepancy.search import NATS, NEAR, STRUCTURAL, Names, Search
 from bhm_service.discrepancy.selection import MUCH, NOTHING, Selection, select, share
 from bhm_service.discrepancy.significance import familywise
 from bhm_service.discrepancy.timing import timed
@@ -74,7 +74,7 @@ def _significant(unseen: Unseen, second: Witness | None, closer: Witness, rng: n
         if all(p <= _SIGNIFICANT for p in p_values.values()) and not harmful(unseen, chosen.names):
             rivals = contests(found, chosen.names, rng)
             beaten = any(c.nats < -NEAR for c in rivals)
-            if not beaten and (second is None or _witnessed(second.earned(chosen.names))):
+            if not beaten and (second is None or _witnessed(found, second.earned(chosen.names))):
                 if timed(closer, chosen.names):
                     return Decision(chosen=chosen, p_values=p_values, contests=rivals)
                 absent = frozenset({TimeSkew.id})
@@ -91,9 +91,9 @@ def told_from_lab(found: Search, names: Names) -> bool:
     return verdict.beyond_lab(found) or bool(names & _BRIEF)
 
 
-def _witnessed(earned: Mapping[str, float]) -> bool:
+def _witnessed(found: Search, earned: Mapping[str, float]) -> bool:
     """Whether every member earns something with the other cell model, and what looks like structure all it has to."""
-    return all(nats >= (needed(name) if name in STRUCTURAL else NEAR) for name, nats in earned.items())
+    return all(nats >= (found.needed(name) if name in STRUCTURAL else NEAR) for name, nats in earned.items())
 
 
 def outweighed(found: Search, chosen: Selection, lab: Lab, logs: Sequence[FlightData]) -> tuple[Selection, Left | None]:

@@ -12,7 +12,7 @@ from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.battery.pack import PackModel, Simulation
 from bhm_service.discrepancy import forms as form
 from bhm_service.discrepancy.abreast import Abreast, abreast
-from bhm_service.discrepancy.candidate import Candidate
+from bhm_service.discrepancy.candidate import Candidate, alike, alike_sd
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.lab import BEND_SOC, Lab, LabError
 from bhm_service.discrepancy.noise import Noise
@@ -74,7 +74,7 @@ class Joint:
         """Everything that is looked for."""
         mean = np.array([1.0 if f.reading is None else f.reading for f in self.flights])
         sd = np.array(self.start_sd or [self._start_sd(f) for f in self.flights])
-        sd[self._alike] = self._alike_sd
+        sd[self._alike] = alike_sd(self._alike.size, FULL_SD, _REPEATS_SD)
         starts = Block(
             name=_STARTS, start=mean, low=np.full(mean.size, 0.02), high=np.full(mean.size, 1.06), prior=mean, sd=sd
         )
@@ -106,19 +106,21 @@ class Joint:
             return np.zeros(0, dtype=np.intp)
         return np.flatnonzero([f.reading is None for f in self.flights])
 
-    @property
-    def _alike_sd(self) -> float:
-        """Of each of these where nothing ties it to the others, so that their mean is as uncertain as it is."""
-        return float(np.sqrt(self._alike.size * (FULL_SD**2 - _REPEATS_SD**2) + _REPEATS_SD**2))
-
-    def _start_ties(self) -> Array:
-        """That full charges are alike; (flights, n)."""
-        count = self._alike.size
-        rows = np.zeros((count, self.scale.size))
-        if count > 1:
-            tight = np.sqrt((self._alike_sd / _REPEATS_SD) ** 2 - 1.0)
-            rows[:, self.places[_STARTS].start + self._alike] = tight * (np.eye(count) - 1.0 / count)
+    def _tied(self, where: Places, apart: float) -> Array:
+        """That some numbers of the vector are alike but for ``apart``; (numbers, n)."""
+        rows = np.zeros((where.size, self.scale.size))
+        if where.size > 1:
+            rows[:, where] = alike(where.size, float(self.scale[where[0]]), apart)
         return rows
+
+    def _alike_ties(self) -> list[Array]:
+        """That full charges are alike, and what differs little between flights."""
+        found = [self._tied(self.places[_STARTS].start + self._alike, _REPEATS_SD)]
+        for u in (u for member in self.members for u in member.unknowns):
+            if u.per_flight and u.declared.apart is not None:
+                where = self.places[u.name]
+                found.append(self._tied(np.arange(where.start, where.stop), u.declared.apart))
+        return found
 
     @cached_property
     def per_flight(self) -> frozenset[str]:
@@ -320,9 +322,7 @@ class Joint:
 
     def _beside_noise(self, group: Abreast, noise: Noise) -> Array:
         """How many times an innovation's own size it is doubted for what a sample cannot tell; (F, T)."""
-        ohm = self.lab.ohm * self.lab.ohmic_share * self.lab.series / self.lab.parallel
-        beside = noise.sudden * (ohm * group.sudden_a) / noise.sigma_v
-        return np.asarray(np.sqrt(1.0 + beside**2))
+        return noise.beside(self.lab.ohmic * group.sudden_a)
 
     def log_scale(self, noise: Noise) -> float:
         """Sum over all samples read of the log of the volts that a whitened residual of one stands for."""
@@ -415,9 +415,12 @@ class Joint:
         return points, steps
 
     def pulls(self, x: Array) -> Array:
-        """How far a vector is from what was known before, number by number and of their sums."""
-        single = self.unknowns.pulls(x)[0]
-        return np.concatenate([single, self.ties @ single])
+        """How far a vector is from what was known before, of its numbers and of their sums."""
+        return np.asarray(self._before @ self.unknowns.pulls(x)[0])
+
+    def pulled(self, name: str, x: Array) -> Array:
+        """The same of one block of the lab's errors, for itself."""
+        return self.lab.pulls(name, self.unknowns.pulls(x)[0][self.places[name]])
 
     @cached_property
     def of_lab(self) -> Flags:
@@ -425,9 +428,9 @@ class Joint:
         return np.concatenate([np.full(b.size, b.name.startswith("lab_")) for b in self.unknowns.blocks])
 
     @cached_property
-    def ties(self) -> Array:
-        """What is known of sums of numbers: the lab's, of full charges, and that a form changes no member's size."""
-        rows = [self.lab.ties(self.unknowns), self._start_ties()]
+    def _before(self) -> Array:
+        """What was known before: of the lab, of full charges, and that a form changes no member's size; (rows, n)."""
+        rows = [self.lab.known(self.unknowns), *self._alike_ties()]
         for member in self.members:
             for name in (form.by_flight(member.id), form.by_charge(member.id)):
                 row = np.zeros((1, self.scale.size))
@@ -439,7 +442,7 @@ class Joint:
     @cached_property
     def known(self) -> Array:
         """Curvature of what was known before, by the vector in its standard deviations."""
-        return np.asarray(np.eye(self.scale.size) + self.ties.T @ self.ties)
+        return np.asarray(self._before.T @ self._before)
 
 
 def _different(rows: Array) -> tuple[Array, Places]:

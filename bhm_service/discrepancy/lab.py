@@ -4,12 +4,18 @@ Scales of resistance, polarisation and capacity, the bend of the open-circuit cu
 SoC and the speed of relaxation each get a small prior. An effect is only claimed beyond what these can explain: with
 no such terms an effect absorbs every error of the model, with wide ones nothing could ever be found
 (Brynjarsdottir & O'Hagan 2014).
+
+What a model's form is off by (bends, drops and how they bend with the current) the lab's own recordings show. Where the
+battery file says what these leave open (`lab_errors`), that is where such numbers are looked for, and only what differs
+between lab and flight is added to it; else they are taken to be anywhere within what labs usually leave open.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Final
 
 import numpy as np
 
@@ -20,6 +26,7 @@ from bhm_service.battery.circ import Circ
 from bhm_service.battery.dynamics import Follower
 from bhm_service.battery.effects import DoubleLayer
 from bhm_service.battery.effects.base import Conditions, Effect
+from bhm_service.battery.left_open import LeftOpen
 from bhm_service.errors import BadInputError
 from bhm_service.identification.unknowns import Block, Unknowns, numbers
 from bhm_service.units import SECONDS_PER_HOUR, Array, Value
@@ -29,8 +36,14 @@ DROP_SOC = np.array([0.1, 0.3, 0.55, 0.8, 1.0])
 DROP_S = (0.0, 2.0, 8.0, 30.0, 120.0, 480.0)  # at once, then each relaxation a factor of four apart
 _HOVER_C = 2.0  # [1/h] load at which what a model is off by is weighed against its voltage error
 
+# What a model's form is off by, number by number, in the order in which `Lab.added` has them.
+FORM: Final = {"bends": BEND_SOC.size, **{f"drop_{tau:.0f}": DROP_SOC.size for tau in DROP_S}, "curve": 2}
+
 _LEAST_SD = {"resistance": 0.03, "polarisation": 0.15, "capacity": 0.01}  # of the logarithm: what a lab repeats to
+_APART = 0.3  # of a model's lasting error: what of it is another one in flight than in the lab
 _BEND_SD = (0.003, 0.010)  # [V] a cell's open-circuit curve is known to, at best and at worst
+_BEND_SOC = 0.15  # of charge, over which a curve is off by about the same
+_ROUGH = 0.1  # of what it is off by, at each charge by itself
 _DROP_SD = (_LEAST_SD["resistance"], 0.12)  # of the resistance, at each charge and relaxation, likewise
 _FAST = {0.0: 3.0, 2.0: 3.0, 8.0: 2.0}  # times that: once a second hardly tells one fast relaxation from another
 _AT_ONCE_S = 2.0  # what is slower than this the lab tells from what comes at once
@@ -44,7 +57,7 @@ _SKEW_S = 1.0  # the lag that a skew is made of, as in the effect of that name
 _REACH = 8.0  # standard deviations within which a nuisance may be fitted
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Lab:
     """A pack as the lab identified it, and how well."""
 
@@ -63,14 +76,23 @@ class Lab:
     identified: bool  # this very pack, not a cell like its own
     drop_sd: float  # of ``ohm``: how far the drop may be off at any charge and any time after a step
     widening: Mapping[float, float] = field(default_factory=dict)  # times that, by relaxation
+    left_open: LeftOpen | None = None  # the errors of form that the lab's own recordings show
 
     @property
     def capacity_c(self) -> float:
         """Of the pack. [C]"""
         return float(np.asarray(self.cell.capacity_c)) * self.parallel
 
+    @property
+    def ohmic(self) -> float:
+        """Ohmic resistance of the pack. [Ohm]"""
+        return self.ohm * self.ohmic_share * self.series / self.parallel
+
     def widened(self, pulls: Callable[[str], Array]) -> Lab:
-        """The same with its shapes as uncertain as a fit found them to be, never less; ``pulls`` by block, in sd."""
+        """The same with its shapes as uncertain as a fit found them to be, never less.
+
+        ``pulls`` of a block are standard normals, independent of each other, where it is off as was expected.
+        """
 
         def wider(name: str) -> float:
             return float(np.clip(np.sqrt(np.mean(pulls(name) ** 2)), 1.0, _MOST_WIDER))
@@ -80,8 +102,34 @@ class Lab:
 
     @property
     def drop_sds(self) -> dict[float, float]:
-        """Standard deviation of the drop at each relaxation, of ``ohm``."""
-        return {tau: self.drop_sd * _FAST.get(tau, 1.0) * self.widening.get(tau, 1.0) for tau in DROP_S}
+        """Standard deviation of the drop at each relaxation, of ``ohm``; from lab to flight where the lab told it."""
+        fast = _FAST if self.left_open is None else {}
+        return {tau: self.drop_sd * fast.get(tau, 1.0) * self.widening.get(tau, 1.0) for tau in DROP_S}
+
+    @cached_property
+    def form(self) -> tuple[Array, Array]:
+        """Mean and covariance of the errors of form, in the order of `FORM`."""
+        drops = np.repeat(list(self.drop_sds.values()), DROP_SOC.size)
+        sds = np.concatenate(
+            [np.full(BEND_SOC.size, self.bend_sd_v), drops, np.full(FORM["curve"], 2.0 * self.drop_sd)]
+        )
+        if self.left_open is None:
+            return np.zeros(sds.size), np.diag(sds**2)
+        alike = np.eye(sds.size)
+        bends = slice(0, BEND_SOC.size)
+        apart = np.subtract.outer(BEND_SOC, BEND_SOC) / _BEND_SOC
+        alike[bends, bends] = np.exp(-0.5 * apart**2) + _ROUGH**2 * np.eye(BEND_SOC.size)
+        mean = np.concatenate([np.asarray(values) for values in self.left_open.mean.values()])
+        return mean, np.asarray(self.left_open.covariance + alike * np.outer(sds, sds))
+
+    def at_worst(self) -> Lab:
+        """The same with as little known of its errors of form as labs leave open at worst."""
+        return replace(self, bend_sd_v=_BEND_SD[1], drop_sd=_DROP_SD[1], left_open=None)
+
+    @property
+    def bend_sds_v(self) -> Array:
+        """Standard deviation of each bend. [V]"""
+        return np.asarray(np.sqrt(np.diag(self.form[1])[: BEND_SOC.size]))
 
     def blocks(self) -> list[Block]:
         """The unknowns that every hypothesis has and that move the cell itself."""
@@ -93,18 +141,37 @@ class Lab:
 
     def additions(self) -> list[Block]:
         """The unknowns that every hypothesis has and that only add to the voltage."""
+        mean, covariance = self.form
+        sds, ends = np.sqrt(np.diag(covariance)), np.cumsum(list(FORM.values()))[:-1]
+        form = zip(FORM, np.split(mean, ends), np.split(sds, ends), strict=True)
         return [
-            _near("lab_bends", BEND_SOC.size, self.bend_sd_v),
-            *(_near(f"lab_drop_{tau:.0f}", DROP_SOC.size, self.drop_sds[tau]) for tau in DROP_S),
-            _near("lab_curve", 2, 2.0 * self.drop_sd),
+            *(numbers(f"lab_{name}", own, sd, _REACH * sd) for name, own, sd in form),
             numbers("lab_skew", np.zeros(1), _SKEW_SD_S, _SKEW_MOST_S),
         ]
 
-    def ties(self, unknowns: Unknowns) -> Array:
-        """What the lab knows of sums of the unknowns: the resistance within two seconds and a minute, at each charge.
+    def known(self, unknowns: Unknowns) -> Array:
+        """What the lab knows of the unknowns, or of sums of them; (rows, n).
 
-        Each row, times the vector in standard deviations of what was known before, is a standard normal.
+        Each row, times the vector in standard deviations of what was known before, is a standard normal, independent of
+        the others.
         """
+        single = np.eye(unknowns.start.size)
+        if self.left_open is None:
+            return np.concatenate([single, self._ties(unknowns)])
+        form = slice(unknowns.slice_of("lab_bends").start, unknowns.slice_of("lab_curve").stop)
+        single[form, form] = _independent(self.form[1])
+        return single
+
+    def pulls(self, name: str, numbers: Array) -> Array:
+        """Numbers of a block of `additions`, in standard deviations, as what is independent of each other in them."""
+        begin = dict(zip(FORM, np.cumsum([0, *FORM.values()])[:-1], strict=True)).get(name.removeprefix("lab_"))
+        if begin is None:
+            return numbers
+        own = slice(begin, begin + numbers.size)
+        return np.asarray(_independent(self.form[1][own, own]) @ numbers)
+
+    def _ties(self, unknowns: Unknowns) -> Array:
+        """What any lab knows of sums of the unknowns: resistance within two seconds and a minute, at each charge."""
         rows = np.zeros((2, DROP_SOC.size, unknowns.start.size))
         rows[:, :, unknowns.slice_of("lab_resistance")] = self.ohmic_share * self.resistance_sd
         rows[1, :, unknowns.slice_of("lab_polarisation")] = (1.0 - self.ohmic_share) * self.polarisation_sd
@@ -156,6 +223,12 @@ def _near(name: str, size: int, sd: float) -> Block:
     return numbers(name, np.zeros(size), sd, _REACH * sd)
 
 
+def _independent(covariance: Array) -> Array:
+    """What makes of numbers in their standard deviations as many that are independent of each other; (n, n)."""
+    sds = np.sqrt(np.diag(covariance))
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance / np.outer(sds, sds))))
+
+
 def followed(time_s: Array, current: Array) -> Array:
     """A current (.., T) as each relaxation of the drop follows it, then a skew; (relaxations + 1, .., T)."""
     return np.stack([current if tau == 0.0 else Follower(np.diff(time_s), tau)(current) for tau in (*DROP_S, _SKEW_S)])
@@ -173,7 +246,8 @@ def hats(knots: Array, soc: Array) -> Array:
 def lab_of(battery: BatteryFile, model: ModelName, series: int | None, capacity_c: float | None) -> Lab:
     """The pack of a battery file; ``series`` and ``capacity_c`` come from the vehicle where the file is of a cell only.
 
-    Raises BadInputError when neither says how many cells there are, or when they contradict each other.
+    Raises BadInputError when neither says how many cells there are, when they contradict each other, and where the file
+    says what its lab left open of errors that are not these.
     """
     cell = battery.cell(model)
     if battery.series is not None and series is not None and battery.series != series:
@@ -187,12 +261,17 @@ def lab_of(battery: BatteryFile, model: ModelName, series: int | None, capacity_
     parallel = 1.0 if battery.series is not None or capacity_c is None else capacity_c / own
     said = battery.uncertainty
     identified = battery.series is not None
+    left_open = battery.left_open.get(model) if identified else None
+    if left_open is not None and {name: len(values) for name, values in left_open.mean.items()} != FORM:
+        raise BadInputError(
+            battery.name, f"left_open.{model} is of another version of bhm", "identify the pack again, or take it out"
+        )
     layers = [e for e in battery.effects(model) if isinstance(e, DoubleLayer)]
     ohm = _ohm(cell) + sum(_transfer_ohm(cell, 2.0 * layer.exchange_current) for layer in layers)
-    hover_v = ohm * _HOVER_C * own / SECONDS_PER_HOUR
+    by_error = said.voltage_error_v / (ohm * _HOVER_C * own / SECONDS_PER_HOUR) / np.sqrt(len(DROP_S))
 
-    def spread(kind: str, wide: float, known: float) -> float:
-        return max(known, _LEAST_SD[kind]) if identified else max(wide, _LEAST_SD[kind])
+    def spread(kind: str, wide: float) -> float:
+        return _LEAST_SD[kind] if identified else max(wide, _LEAST_SD[kind])
 
     return Lab(
         model=model,
@@ -204,11 +283,12 @@ def lab_of(battery: BatteryFile, model: ModelName, series: int | None, capacity_
         voltage_error_v=said.voltage_error_v,
         identified=identified,
         ohmic_share=float(np.asarray(cell.r_s if isinstance(cell, Circ) else cell.r_o)) / ohm,
-        resistance_sd=spread("resistance", said.resistance, 0.0),
-        polarisation_sd=spread("polarisation", said.polarisation, 0.0),
-        capacity_sd=spread("capacity", said.capacity, 0.0),
-        bend_sd_v=float(np.clip(0.3 * said.voltage_error_v, *_BEND_SD)) if identified else said.voltage_error_v,
-        drop_sd=float(np.clip(said.voltage_error_v / hover_v / np.sqrt(len(DROP_S)), *_DROP_SD)),
+        resistance_sd=spread("resistance", said.resistance),
+        polarisation_sd=spread("polarisation" if left_open is None else "resistance", said.polarisation),
+        capacity_sd=spread("capacity", said.capacity),
+        bend_sd_v=float(np.clip(_APART * said.voltage_error_v, *_BEND_SD)) if identified else said.voltage_error_v,
+        drop_sd=float(np.clip(by_error, *_DROP_SD)) if left_open is None else _APART * by_error,
+        left_open=left_open,
     )
 
 

@@ -16,6 +16,7 @@ from scipy.optimize import minimize
 from bhm_service.battery.dynamics import recurrence
 from bhm_service.units import Array
 
+SUDDEN = 0.2  # of the ohmic drop of a sudden change: what relaxes within a sample no lab at one hertz tells
 _CLIP = 4.0  # standard deviations beyond which an innovation counts no more
 
 
@@ -42,6 +43,10 @@ class Noise:
     @property
     def _gain(self) -> float:
         return 1.0 + (self.phi - self.theta) ** 2 / (1.0 - self.phi**2)
+
+    def beside(self, drop_v: Array) -> Array:
+        """How many times its own size an innovation is doubted for sudden changes of the ohmic drop (.., T) [V]."""
+        return np.asarray(np.sqrt(1.0 + (self.sudden * drop_v / self.sigma_v) ** 2))
 
     def averaged_v(self, width: int) -> float:
         """Standard deviation of a mean over ``width`` samples. [V]"""

@@ -10,7 +10,7 @@ import numpy as np
 from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.fitting import Fitted, ProblemT, cost_of, fit, one_step
 from bhm_service.discrepancy.joint import Joint
-from bhm_service.discrepancy.noise import Noise, estimated
+from bhm_service.discrepancy.noise import SUDDEN, Noise, estimated
 from bhm_service.discrepancy.onset import begun
 from bhm_service.discrepancy.slopes import Slopes
 from bhm_service.discrepancy.steps import contact_candidate, episodes
@@ -19,6 +19,9 @@ from bhm_service.units import Array
 
 NATS = 10.0  # that a member of a set has to earn against the best set without it
 NEAR = 6.0  # [nats] within which two explanations cannot be told apart
+# Evidence from which on the flights say which of two is likelier, odds of twenty to one, and not how common they are
+# ("strong": Kass and Raftery 1995).
+STRONG = 3.0
 # What a model of a cell gets wrong by its structure looks like these. So they have to earn more before they are
 # called physics of this pack; a skew looks like what relaxes faster than a lab samples.
 STRUCTURAL = frozenset(
@@ -30,6 +33,9 @@ COMPANIONS = frozenset({"core-lag", "entropic-voltage", "cold-capacity"})
 # A course over the charge that is free at every knot follows nearly anything: only where no equation comes near it.
 FREE = frozenset({"ocv-shape", "resistance-shape"})
 _FREE_NATS = 60.0
+# Of these, where what the structure gets wrong in the lab is known and taken off already; but for what no lab sees.
+_TOLD_SHARE = 0.6
+_UNTOLD = COMPANIONS | {"time-skew"}
 LEAST_SNR = 3.0  # below, these recordings cannot show an effect of the usual size
 _TRIED_SNR = 1.0  # below, they could not even show one of several times that
 _WIDTH, _DEPTH, _EXPANSIONS = 3, 3, 4
@@ -39,18 +45,18 @@ _PAIR = 2  # effects: what joins two and earns its place is among the first of w
 _WITNESSES, _MOST_DOUBT = 1.0 / 3.0, 3.0
 _USUAL_V = 0.012  # [V] of a cell: what a model that follows its cell is off by on recordings that no fit saw, at most
 _BENT = 3.0  # standard deviations
-_SUDDEN = 0.2  # of the ohmic drop of a sudden change: what relaxes within a sample no lab at one hertz tells
 _FLOOR_V = 1e-3  # [V] of a cell: no voltage is measured and modelled better than this
 
 Progress = Callable[[str], None]
 Names = frozenset[str]
 
 
-def needed(name: str) -> float:
-    """What a member has to earn. [nats]"""
+def needed(name: str, told: bool = False) -> float:
+    """What a member has to earn, whether or not the lab ``told`` what its model's form is off by. [nats]"""
+    share = _TOLD_SHARE if told and name not in _UNTOLD else 1.0
     if name in FREE:
-        return _FREE_NATS
-    return _STRUCTURAL_NATS if name in STRUCTURAL | COMPANIONS else NATS
+        return share * _FREE_NATS
+    return share * _STRUCTURAL_NATS if name in STRUCTURAL | COMPANIONS else NATS
 
 
 @dataclass(slots=True)
@@ -71,8 +77,11 @@ class Search:
         if names not in self.fits:
             joint = self.joint(names)
             best = min((f.cost for f in self.fits.values()), default=None)
-            begin = min(_starts(joint, start), key=lambda x: cost_of(joint, x, self.noise))
-            self.fits[names] = fit_over_valleys(joint, self.noise, begin, aim=best)
+            starts = _starts(joint, start)
+            if not _hides(joint, start):
+                starts = [min(starts, key=lambda x: cost_of(joint, x, self.noise))]
+            ends = [fit_over_valleys(joint, self.noise, begin, aim=best) for begin in starts]
+            self.fits[names] = min(ends, key=lambda end: end.cost)
         return self.fits[names]
 
     def joint(self, names: Names) -> Joint:
@@ -104,6 +113,10 @@ class Search:
         at = self.fitted(names)
         others = [c for c in self.candidates if c.id not in names and c.shown_beside(names)]
         return {c.id: _linear_gain(at, self.joint(names | {c.id}), c) for c in others}
+
+    def needed(self, name: str) -> float:
+        """What a member of a set has to earn on these flights. [nats]"""
+        return needed(name, self.base.lab.left_open is not None)
 
     @property
     def inflation(self) -> float:
@@ -146,6 +159,16 @@ def _starts(joint: Joint, start: Fitted | None) -> list[Array]:
     there = {member.id for member in start.joint.members}
     joining = (member for member in joint.members if member.id not in there)
     return [_carried(joint, start), *(_absent(joint, start, member) for member in joining)]
+
+
+def _hides(joint: Joint, start: Fitted | None) -> bool:
+    """Whether what joins a fit has a driver that nobody recorded.
+
+    Such an effect has no slope at no effect: which way the driver has to go shows only once the effect is there, and a
+    fit from none of it may stay there.
+    """
+    there = set() if start is None else {member.id for member in start.joint.members}
+    return any(member.inferred and member.id not in there for member in joint.members)
 
 
 def _carried(joint: Joint, start: Fitted | None) -> Array:
@@ -254,7 +277,7 @@ def saturated_noise(at: Fitted, candidates: Sequence[Candidate]) -> Noise:
     noise = estimated(left, joint.lab.series * _FLOOR_V)
     alike = float(np.clip(_WITNESSES * len(left), 1.0, _MOST_DOUBT))
     poor = float(np.clip(joint.lab.voltage_error_v / _USUAL_V, 1.0, _MOST_DOUBT)) if joint.lab.identified else 1.0
-    return replace(noise, sudden=_SUDDEN, doubt=alike * poor)
+    return replace(noise, sudden=SUDDEN, doubt=alike * poor)
 
 
 def search(base: Joint, candidates: Sequence[Candidate], progress: Progress = lambda _: None) -> Search:
@@ -277,8 +300,7 @@ def search(base: Joint, candidates: Sequence[Candidate], progress: Progress = la
     noise = saturated_noise(best, everything)
     progress("sets of effects")
     # An effect that is part of the answer is in the fit already; what is still pulled is the model's own error.
-    pulls = best.joint.unknowns.pulls(best.x)[0]
-    wider = replace(base, lab=base.lab.widened(lambda name: pulls[best.joint.places[name]]))
+    wider = replace(base, lab=base.lab.widened(lambda name: best.joint.pulled(name, best.x)))
     again = Search(wider, everything, noise, found.snr)
     again.fitted(frozenset(), found.fits[frozenset()])
     # Sets grow one by one again: with their members' onsets and spreads known, others may be the best.
@@ -310,7 +332,7 @@ def _largest(found: Search) -> Names:
             break
         wider = names | {other}
         found.fitted(wider, found.fitted(names))
-        if found.evidence(wider) - found.evidence(names) < needed(other):
+        if found.evidence(wider) - found.evidence(names) < found.needed(other):
             break
         names = wider
     return names

@@ -9,7 +9,7 @@ import numpy as np
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.fitting import Fitted
-from bhm_service.discrepancy.search import COMPANIONS, NATS, NEAR, STRUCTURAL, Names, Search, needed
+from bhm_service.discrepancy.search import COMPANIONS, NATS, NEAR, STRONG, STRUCTURAL, Names, Search
 from bhm_service.units import Array
 
 # What has to be explained by the equations themselves before anything is said: one wrong story in a hundred fleets is
@@ -17,9 +17,6 @@ from bhm_service.units import Array
 _CLAIM_NATS = 16.0
 _RIVALS = 6  # beside its mimics that a member of a set is held against
 _RIVALRIES = 3  # times that the chosen set's members are held against their mimics, at most
-# Evidence from which on the flights say which of two is likelier, odds of twenty to one, and not how common they are
-# ("strong": Kass and Raftery 1995).
-_STRONG = 3.0
 _MAJORITY = 0.5  # of the evidence of a set that is refuted since an effect of it is absent
 LEAST_V = 0.001  # [V] of a cell: what adds less than this to the voltage changes nothing that anybody flies by
 _STRUCTURAL_V = 0.004  # [V] of a cell: the same for what looks like an error of the model's structure
@@ -87,11 +84,11 @@ def _near(found: Search, refuted: Collection[Names], absent: Names) -> list[Name
     valid: list[Names] = []
     best, most = frozenset[str](), 0.0
     # What an absent effect only seemed to explain is of another kind, unless a set explains the larger part of it.
-    liked = max((found.evidence(r) * (_MAJORITY if r & absent else 1.0) for r in refuted), default=0.0) - NATS
+    liked = max((_liking(found, r) * (_MAJORITY if r & absent else 1.0) for r in refuted), default=0.0) - NATS
     for names in _open(found, refuted, absent):
         nats = found.evidence(names)
         # One more member has to earn its place against the best set without it, not only against its own remainder.
-        better = nats - _price(names) > most - _price(best)
+        better = nats - _price(found, names) > most - _price(found, best)
         close = len(names) <= len(best) and nats > most - NEAR
         imitates = nats < liked and not any(names < r for r in refuted)
         if imitates or not (better or close) or not _stands(found, names):
@@ -102,11 +99,20 @@ def _near(found: Search, refuted: Collection[Names], absent: Names) -> list[Name
     near = [names for names in valid if len(names) <= len(best) and found.evidence(names) > most - NEAR]
     if not any(_credit(found, names) > _CLAIM_NATS for names in near):
         return []
-    if _beyond_physics(found, _open(found, refuted, absent), most - _price(best) + NATS):
+    if _beyond_physics(found, _open(found, refuted, absent), most - _price(found, best) + NATS):
         return []
     of = {names: found.evidence(names) for names in near}
-    likely = {names: of[names] > max(of[n] for n in near if len(n) == len(names)) - _STRONG for names in near}
+    likely = {names: of[names] > max(of[n] for n in near if len(n) == len(names)) - STRONG for names in near}
     return sorted(near, key=lambda names: (len(names), not likely[names], _order(names), -of[names]))
+
+
+def _liking(found: Search, names: Names) -> float:
+    """Of a set's evidence, what speaks against others. [nats]
+
+    What a free course or a model's structure earns it has to earn for following nearly anything: that the flights like
+    it better than what has only one way to be says nothing against that.
+    """
+    return found.evidence(names) - _price(found, names) + NATS * len(names)
 
 
 def _open(found: Search, refuted: Collection[Names], absent: Names) -> list[Names]:
@@ -201,12 +207,12 @@ def _matters(found: Search, names: Names) -> bool:
         return False
     if volts.get("ocv-shape", np.inf) < _BEYOND * series * found.base.lab.bend_sd_v:
         return False
-    return all(earned >= needed(name) for name, earned in found.earned(names).items())
+    return all(earned >= found.needed(name) for name, earned in found.earned(names).items())
 
 
-def _price(names: Names) -> float:
+def _price(found: Search, names: Names) -> float:
     """What a set has to earn. [nats]"""
-    return sum(needed(name) for name in names)
+    return sum(found.needed(name) for name in names)
 
 
 def _beyond_physics(found: Search, tried: Collection[Names], nats: float) -> bool:
@@ -218,7 +224,7 @@ def _beyond_physics(found: Search, tried: Collection[Names], nats: float) -> boo
     return any(
         not _physical(found.fitted(names)) and _separable(found, names) and _matters(found, names)
         for names in tried
-        if found.evidence(names) - _price(names) > nats
+        if found.evidence(names) - _price(found, names) > nats
     )
 
 

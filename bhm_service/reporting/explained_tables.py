@@ -13,7 +13,7 @@ from bhm_service.discrepancy.confirm import LeftOutFlight
 from bhm_service.discrepancy.explanation import Explanation
 from bhm_service.discrepancy.findings import EffectFound, Quantity
 from bhm_service.discrepancy.labels import flight_name
-from bhm_service.discrepancy.search import NEAR, Names, needed
+from bhm_service.discrepancy.search import NEAR, Names
 from bhm_service.discrepancy.words import region_in_words
 from bhm_service.reporting.words import duration
 from bhm_service.units import ZERO_CELSIUS_K
@@ -52,7 +52,7 @@ def _effect(e: Explanation, found: EffectFound, words: str) -> EffectBlock:
     kind = EFFECTS[found.id]
     grounds = [
         f"Evidence: {_nats(found.evidence_nats)} beyond the best explanation without it; "
-        f"{needed(found.id):.0f} are asked for.",
+        f"{e.search.needed(found.id):.0f} are asked for.",
         f"{100.0 * found.share_of_misfit:.0f} % of the squared voltage error goes with it.",
         f"Chance that noise alone makes any effect of the catalogue look as good: {_chance(found.p_familywise)}.",
     ]
@@ -141,7 +141,7 @@ def _standing(e: Explanation, names: Names, behind: float | None, *, equal: bool
     if behind is None:
         return "-"
     if not e.selection.names:
-        return f"not shown: {max(map(needed, names)):.0f} nats ahead are asked for"
+        return f"not shown: {max(map(e.search.needed, names)):.0f} nats ahead are asked for"
     if behind < NEAR:
         return "refused: a part of it is too small, earns too little, or is beyond what is physical"
     return "ruled out" if behind > _CERTAIN_NATS else f"unlikely, 1 to {np.exp(behind):.0f}"

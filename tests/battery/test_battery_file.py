@@ -4,8 +4,11 @@ from battery.cells import CUBIC, chem, circ
 
 from bhm_service.battery.battery_file import BatteryFile, Joined, read_battery, write_battery
 from bhm_service.battery.effects import ResistanceTemperature, SlowDiffusion
+from bhm_service.battery.left_open import left_open
 from bhm_service.errors import BadInputError
 
+COVARIANCE = np.array([[4e-6, 1e-6, 0.0], [1e-6, 9e-6, -2e-6], [0.0, -2e-6, 1e-4]])
+LEFT_OPEN = left_open({"bends": np.array([0.001, -0.002]), "curve": np.array([0.3])}, COVARIANCE)
 R_S = 'value = 0.004, sd = 0.0002, unit = "ohm"'
 
 
@@ -24,6 +27,7 @@ def written(tmp_path):
                 Joined(effect=SlowDiffusion(resistance=0.002, time_constant=400.0), model="circ"),
             ),
             sd={"circ": {"r_s": 2e-4}},
+            left_open={"circ": LEFT_OPEN},
         ),
     )
     return path
@@ -38,6 +42,9 @@ def test_what_is_written_is_read_back(written):
     assert back.joined[0].effect.activation_energy == pytest.approx(21.5e3)
     assert back.joined[0].sd["activation_energy"] == pytest.approx(900.0)
     assert back.sd["circ"]["r_s"] == pytest.approx(2e-4)
+    assert back.left_open["circ"].mean == {"bends": (0.001, -0.002), "curve": (0.3,)}
+    np.testing.assert_allclose(back.left_open["circ"].covariance, COVARIANCE, rtol=2e-3, atol=1e-9)
+    assert "chem" not in back.left_open
     soc = np.linspace(0, 1, 50)
     np.testing.assert_allclose(back.circ.open_circuit(soc), circ().open_circuit(soc), atol=1e-5)
     np.testing.assert_allclose(back.chem.open_circuit(soc), chem().open_circuit(soc), atol=1e-5)
@@ -64,6 +71,9 @@ def test_the_papers_cubic_curve_survives_the_file(tmp_path):
         (R_S, 'value = 4.0, unit = "mohm"', ["circ.r_s", "unit must be 'ohm'"]),
         ('kind = "spline"', 'kind = "polynomial"', ["circ.ocv", "polynomial", "spline"]),
         ("4.2]", "3.1]", ["circ.ocv", "rise"]),
+        ("curve = [0.3]", "curve = [0.3, 0.4]", ["left_open.circ", "factor must have 4 rows of 1 to 4 numbers"]),
+        ("[0.002],", "[-0.002],", ["left_open.circ", "every row of factor must end with a number above 0"]),
+        ("curve = [0.3]", "curve = [nan]", ["left_open.circ.mean.curve", "finite"]),
         ("series = 6", "series = 0", ["series = 0", "greater than or equal to 1"]),
         ('id = "resistance-temperature"', 'id = "phlogiston"', ["phlogiston", "resistance-temperature"]),
     ],

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from discrepancy.flown import four
 
-from bhm_service.discrepancy.candidate import candidates
+from bhm_service.discrepancy.candidate import alike, alike_sd, candidates
 from bhm_service.discrepancy.sidecar import Notes
 
 WH = 200.0
@@ -121,3 +121,14 @@ def test_how_warm_the_core_is_is_asked_only_of_the_pack_that_the_battery_file_is
     tried, missing = candidates(four("resistance-temperature"), "circ", WH, identified=identified)
     assert ("core-lag" in {c.id for c in tried}) is identified
     assert ("core-lag" in {m.id for m in missing}) is not identified
+
+
+@pytest.mark.parametrize("count", [2, 6])
+def test_what_is_alike_is_each_as_uncertain_as_said_and_differs_by_as_little(count):
+    """Ten kelvins of weather, five from one flight to the next."""
+    sd = alike_sd(count, 10.0, 5.0)
+    rows = alike(count, sd, 5.0)
+    covariance = sd**2 * np.linalg.inv(np.eye(count) + rows.T @ rows)
+    each, apart = covariance[0, 0], covariance[0, 0] + covariance[1, 1] - 2.0 * covariance[0, 1]
+    assert np.sqrt(each) == pytest.approx(10.0)
+    assert np.sqrt(apart / 2.0) == pytest.approx(5.0)

@@ -10,8 +10,9 @@ from battery.cells import CAPACITY_C, circ
 from discrepancy.flown import BATTERY, SERIES, base, flown
 
 from bhm_service.battery.battery_file import BatteryFile
+from bhm_service.battery.left_open import left_open
 from bhm_service.battery.uncertainty import Uncertainty
-from bhm_service.discrepancy.lab import BEND_SOC, DROP_S, DROP_SOC, followed, lab_of
+from bhm_service.discrepancy.lab import BEND_SOC, DROP_S, DROP_SOC, FORM, followed, lab_of
 from bhm_service.errors import BadInputError
 
 GENERIC = BatteryFile(name="generic", circ=circ(), uncertainty=Uncertainty(resistance=0.5, capacity=0.1))
@@ -62,10 +63,11 @@ def test_ties_hold_the_resistance_at_each_charge_however_it_is_split(joint):
     x = joint.unknowns.start.copy()
     # One per cent more resistance, ohmic and of polarisation, in numbers of the fit.
     x[joint.places["lab_resistance"]] = x[joint.places["lab_polarisation"]] = 0.01
-    alone = joint.ties @ joint.unknowns.pulls(x)[0]
+    ties = joint.lab.known(joint.unknowns)[x.size :]
+    alone = ties @ joint.unknowns.pulls(x)[0]
     x[joint.places["lab_drop_0"]] = -0.01 * joint.lab.ohmic_share
     x[joint.places["lab_drop_30"]] = -0.01 * (1.0 - joint.lab.ohmic_share)
-    undone = joint.ties @ joint.unknowns.pulls(x)[0]
+    undone = ties @ joint.unknowns.pulls(x)[0]
     assert np.abs(alone).max() > 0.05
     np.testing.assert_allclose(undone, 0.0, atol=1e-9)
 
@@ -81,6 +83,32 @@ def test_shapes_are_widened_by_what_a_fit_shows_and_never_narrowed(joint):
     assert wider.bend_sd_v == pytest.approx(2.0 * lab.bend_sd_v)
     assert wider.drop_sds == pytest.approx(lab.drop_sds | {30.0: 2.0 * lab.drop_sds[30.0]})
     assert max(most.drop_sds[t] / lab.drop_sds[t] for t in DROP_S) < 10.0
+
+
+def test_a_lab_that_told_something_else_is_refused_with_what_to_do():
+    other = left_open({"bends": np.zeros(3)}, np.eye(3))
+    with pytest.raises(BadInputError, match=r"left_open.circ is of another version of bhm\s+identify the pack again"):
+        lab_of(replace(BATTERY, left_open={"circ": other}), "circ", None, None)
+
+
+def test_what_the_lab_left_open_is_widened_by_what_differs_in_flight_only():
+    """As far as its own recordings show it, no flight makes it less known."""
+    size = sum(FORM.values())
+    told = left_open({name: np.zeros(count) for name, count in FORM.items()}, 1e-4 * np.eye(size))
+    lab = lab_of(replace(BATTERY, left_open={"circ": told}), "circ", None, None)
+    wider = lab.widened(lambda name: np.full(FORM[name.removeprefix("lab_")], 2.0))
+    before, after = (one.form[1] - told.covariance for one in (lab, wider))
+    drops = slice(BEND_SOC.size, -2)
+    np.testing.assert_allclose(after[drops, drops], 4.0 * before[drops, drops])
+
+
+def test_a_curve_is_off_by_about_the_same_at_charges_that_are_near():
+    told = left_open({name: np.zeros(count) for name, count in FORM.items()}, 1e-12 * np.eye(sum(FORM.values())))
+    lab = lab_of(replace(BATTERY, left_open={"circ": told}), "circ", None, None)
+    covariance = lab.form[1][: BEND_SOC.size, : BEND_SOC.size]
+    alike = covariance / np.outer(lab.bend_sds_v, lab.bend_sds_v)
+    assert alike[12, 13] > 0.9
+    assert alike[5, 20] < 0.1
 
 
 def test_a_cell_like_its_own_is_known_less_well_than_the_very_pack():

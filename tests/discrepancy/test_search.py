@@ -66,6 +66,17 @@ def test_what_shows_only_beside_another_is_tried_beside_it():
     assert share(found, both) > 0.9
 
 
+def test_a_warmth_that_nobody_recorded_is_found_from_where_there_is_none_of_it():
+    """At no activation energy nothing tells which way the temperature has to go: a fit from there would stay there."""
+    warms = EFFECTS["self-heating"](heat_capacity=60.0, conductance=0.25, ambient=298.15, start_above=0.0)
+    flights = tuple(flown([EFFECTS[WARMTH](activation_energy=25e3), warms], seed=8, number=k) for k in range(4))
+    found = Search(base(flights), tuple(catalogue(flights, only={WARMTH})), noise_model())
+    hidden = frozenset({WARMTH})
+    fitted = found.fitted(hidden, found.fitted(frozenset()))
+    assert sized(fitted, f"{WARMTH}.activation_energy") > 10.0
+    assert found.evidence(hidden) > 10.0
+
+
 def test_what_shows_only_beside_another_is_not_tried_without_it():
     flights, tried = warm(EFFECTS["contact-resistance"](resistance=0.02))
     found = search(base(flights), [*tried, *catalogue(flights, only={"contact-resistance"})])

@@ -9,6 +9,7 @@ from click.testing import CliRunner
 
 from bhm_service.battery.battery_file import read_battery
 from bhm_service.cli import cli
+from bhm_service.discrepancy.lab import lab_of
 from bhm_service.errors import BadInputError
 
 CASES = Path(__file__).resolve().parents[3] / "shared" / "cases"
@@ -31,6 +32,8 @@ def test_a_fast_discharge_alone_gives_a_battery_file_that_reads_back(tmp_path: P
     assert battery.series == 6
     assert battery.circ is not None
     assert battery.chem is None
+    assert list(battery.left_open) == ["circ"]
+    assert lab_of(battery, "circ", None, None).left_open is not None
     assert "no slow discharge" in said
     assert "columns: time from time_s" in said
     assert "Parameters, circ" in said
@@ -75,6 +78,7 @@ def test_flights_alone_need_neither_cells_nor_capacity_told(data: Path, tmp_path
     battery = read_battery(output)
     assert battery.series == 4
     assert battery.circ is not None
+    assert not battery.left_open  # no lab has seen this pack
     assert "4.0 Ah, from BATT_CAPACITY" in said
     assert "so left where it was assumed: capacity" in said
 

@@ -50,8 +50,9 @@ class SelfHeating(Effect):
         source="2-8 W/K at 2 kg",
     )
     ambient: Value = parameter(
-        "T_ambient", "K", 233.0, 333.0, "temperature of the air around the pack", prior=(293.0, 10.0), per_flight=True
-    )
+        "T_ambient", "K", 233.0, 333.0, "temperature of the air around the pack", prior=(293.0, 10.0), per_flight=True,
+        apart=5.0, source="one season's days and hours",
+    )  # fmt: skip
     start_above: Value = parameter(
         "dT_0", "K", -40.0, 60.0, "what the pack is warmer than the air at the start", prior=(0.0, 4.0),
         per_flight=True, default=0.0,
