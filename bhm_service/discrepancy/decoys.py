@@ -41,7 +41,8 @@ def contests(found: Search, names: Names, rng: np.random.Generator) -> list[Cont
         given = tuple(replace(f, temperature_k=t) for f, t in zip(flights, series, strict=True))
         plain = tuple(c.alone() if c.inferred else c for c in members)
         rival = fit(Joint(found.base.lab, given, plain, found.base.start_sd), found.noise)
-        nats = true.evidence(by) - rival.evidence(by)
+        # Where the warmth itself has to be found, that it could have been another is not what a phantom beats it by.
+        nats = 0.5 * (rival.cost - true.cost) / by if hidden else true.evidence(by) - rival.evidence(by)
         results.append(Contest(name, float(nats), bool(nats > NEAR)))
     return results
 

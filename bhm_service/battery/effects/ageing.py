@@ -73,7 +73,7 @@ class ResistanceGrowth(Effect):
     manoeuvre: ClassVar[str] = "fly an old and a new pack on the same day; measure at the cells and at the board"
 
     growth: Value = parameter(
-        "k", "1", -0.5, 5.0, "share by which the resistance has grown", absent=0.0, prior=(0.4, 0.3)
+        "k", "1", 0.0, 5.0, "share by which the resistance has grown", absent=0.0, prior=(0.4, 0.3)
     )  # fmt: skip
     settled: Value = _settled()
     age: Value = _age()

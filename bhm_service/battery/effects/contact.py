@@ -30,7 +30,7 @@ class ContactResistance(Effect):
     manoeuvre: ClassVar[str] = "measure the voltage at the pack and at the board in one hover"
 
     resistance: Value = parameter(
-        "R_w", "mohm", -20.0, 500.0, "beside that of the lab's wiring", scale=1e-3, absent=0.0, prior=(4.0, 4.0)
+        "R_w", "mohm", 0.0, 500.0, "beside that of the lab's wiring", scale=1e-3, absent=0.0, prior=(4.0, 4.0)
     )
     present: Value = parameter(
         "p", "1", 0.0, 1.0, "whether it is there in this flight", default=1.0, per_flight=True, driver="onset"
