@@ -12,7 +12,7 @@ from bhm_service.discrepancy.demand_model import FLIGHT_SD, FLIGHT_SDS, Demand, 
 from bhm_service.discrepancy.demand_release import releases
 from bhm_service.discrepancy.fitting import Fitted, bulk, fit
 from bhm_service.discrepancy.noise import Noise, estimated
-from bhm_service.discrepancy.search import LEAST_SNR, NATS, NEAR, Geometry, Names, geometry_of
+from bhm_service.discrepancy.search import LEAST_SNR, NATS, NEAR, STRONG, Geometry, Names, geometry_of
 from bhm_service.discrepancy.significance import exceeded
 from bhm_service.prediction.demand_effects import DEMAND_EFFECTS
 from bhm_service.units import Array
@@ -28,8 +28,8 @@ _SIGNIFICANT = 0.02  # over the whole catalogue
 _SEEN = 0.25  # of a held-out flight's samples
 _FEWEST = 3  # flights, for one to be held out
 _NO_WORSE = 1.005  # times the error without the effects, on unseen flights
-# What no multirotor is without: the file lacks a law, not a thing that may have happened to the vehicle. It has better
-# odds from the start, as much better as two explanations may differ that cannot be told apart.
+# What no multirotor is without: the file lacks a law, not a thing that may have happened to the vehicle. That it holds
+# needs no long odds, only strong evidence that these flights show it.
 LAWS = frozenset({"air-density", "wind-tilt", "translational-lift", "climb-power"})
 SOME = "some"  # flights carry the payload, the others none
 PAYLOAD = "payload-mass"
@@ -40,7 +40,7 @@ Fit = Fitted[Demand]
 
 def needed(name: str) -> float:
     """What a member of a set has to earn. [nats]"""
-    return NEAR if name in LAWS else NATS
+    return STRONG if name in LAWS else NATS
 
 
 @dataclass(slots=True)
@@ -155,7 +155,11 @@ def search(base: Demand) -> DemandSearch:
         for names in wider:
             found.fitted(names)
         beam = sorted(wider, key=lambda names: -found.evidence(names))[:_WIDTH]
-        if not beam or found.evidence(beam[0]) < max(map(found.evidence, found.fits)) or found.evidence(beam[0]) < NEAR:
+        if (
+            not beam
+            or found.evidence(beam[0]) < max(map(found.evidence, found.fits))
+            or found.evidence(beam[0]) < STRONG
+        ):
             break
     return found
 

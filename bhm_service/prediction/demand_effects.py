@@ -97,14 +97,15 @@ class AirDensity(DemandEffect):
     title: ClassVar[str] = "Thin air costs power"
     equation: ClassVar[str] = "P = P_0 (rho_0 / rho)^n, n = 1/2"
     source: ClassVar[str] = (
-        "momentum theory, NASA/TM-20230012868 eq. (7); profile power may grow with density: n down to 0.2"
+        "momentum theory, NASA/TM-20230012868 eq. (7): n = 1/2 of induced power; profile power, a tenth to a quarter "
+        "of a hover's, grows with density: n = 0.35 to 0.15 of both"
     )
     excited_by: ClassVar[str] = "flights at different altitudes or in different seasons"
     mimics: ClassVar[tuple[str, ...]] = ("payload-mass", "propulsion-efficiency")
     manoeuvre: ClassVar[str] = "hover with the same load at two altitudes, barometer and air temperature logged"
     drivers: ClassVar[tuple[str, ...]] = ("density",)
 
-    exponent: Value = parameter("n", "1", 0.0, 1.5, "of the density", absent=0.0, prior=(0.5, 0.15))
+    exponent: Value = parameter("n", "1", 0.0, 1.5, "of the density", absent=0.0, prior=(0.35, 0.15))
 
     def factor(self, motion: Motion) -> Value:
         ratio: Value = (AIR_DENSITY / motion.density) ** self.exponent
