@@ -106,7 +106,8 @@ def _recordings(lab: Lab, runs: Sequence[Followed], form: int) -> list[_Recordin
         shapes[:form] = lab.added(followed(time_s, current_a), current_a, run.soc)[:form]
         shapes[form + k] = lab.series * _START_SD * _slope(lab, run.soc)
         misfit = _bridged(lab.series * run.misfit_v, known)
-        found.append(_Recording(misfit, shapes, known, lab.ohmic * sudden(current_a)))
+        # Of the whole drop: what a double layer has within a second comes at once to a recording of one hertz.
+        found.append(_Recording(misfit, shapes, known, lab.ohm * lab.series * sudden(current_a)))
     return found
 
 
