@@ -262,7 +262,7 @@ def lab_of(battery: BatteryFile, model: ModelName, series: int | None, capacity_
     said = battery.uncertainty
     identified = battery.series is not None
     left_open = battery.left_open.get(model) if identified else None
-    if left_open is not None and {name: len(values) for name, values in left_open.mean.items()} != FORM:
+    if left_open is not None and [(name, len(own)) for name, own in left_open.mean.items()] != list(FORM.items()):
         raise BadInputError(
             battery.name, f"left_open.{model} is of another version of bhm", "identify the pack again, or take it out"
         )

@@ -85,8 +85,9 @@ def test_shapes_are_widened_by_what_a_fit_shows_and_never_narrowed(joint):
     assert max(most.drop_sds[t] / lab.drop_sds[t] for t in DROP_S) < 10.0
 
 
-def test_a_lab_that_told_something_else_is_refused_with_what_to_do():
-    other = left_open({"bends": np.zeros(3)}, np.eye(3))
+@pytest.mark.parametrize("form", [{"bends": 3}, dict(reversed(FORM.items()))], ids=["another", "in another order"])
+def test_a_lab_that_told_something_else_is_refused_with_what_to_do(form):
+    other = left_open({name: np.zeros(count) for name, count in form.items()}, np.eye(sum(form.values())))
     with pytest.raises(BadInputError, match=r"left_open.circ is of another version of bhm\s+identify the pack again"):
         lab_of(replace(BATTERY, left_open={"circ": other}), "circ", None, None)
 
