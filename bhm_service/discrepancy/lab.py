@@ -74,7 +74,7 @@ class Lab:
     polarisation_sd: float
     capacity_sd: float
     bend_sd_v: float
-    ohmic_share: float  # of ``ohm``
+    ohmic_share: float  # of ``ohm``: what follows the current within two seconds
     voltage_error_v: float  # lasting error of the cell's voltage
     identified: bool  # this very pack, not a cell like its own
     drop_sd: float  # of ``ohm``: how far the drop may be off at any charge and any time after a step
@@ -88,7 +88,7 @@ class Lab:
 
     @property
     def ohmic(self) -> float:
-        """Ohmic resistance of the pack. [Ohm]"""
+        """Resistance of the pack to what changes within two seconds. [Ohm]"""
         return self.ohm * self.ohmic_share * self.series / self.parallel
 
     def widened(self, pulls: Callable[[str], Array]) -> Lab:
@@ -270,7 +270,9 @@ def lab_of(battery: BatteryFile, model: ModelName, series: int | None, capacity_
             battery.name, f"left_open.{model} is of another version of bhm", "identify the pack again, or take it out"
         )
     layers = [e for e in battery.effects(model) if isinstance(e, DoubleLayer)]
-    ohm = _ohm(cell) + sum(_transfer_ohm(cell, 2.0 * layer.exchange_current) for layer in layers)
+    held_back = [(layer, _transfer_ohm(cell, 2.0 * layer.exchange_current)) for layer in layers]
+    ohm = _ohm(cell) + sum(own for _, own in held_back)
+    at_once = sum(own for layer, own in held_back if float(np.asarray(layer.time_constant)) <= _AT_ONCE_S)
     by_error = said.voltage_error_v / (ohm * _HOVER_C * own / SECONDS_PER_HOUR) / np.sqrt(len(DROP_S))
 
     def spread(kind: str, wide: float) -> float:
@@ -285,7 +287,7 @@ def lab_of(battery: BatteryFile, model: ModelName, series: int | None, capacity_
         ohm=ohm,
         voltage_error_v=said.voltage_error_v,
         identified=identified,
-        ohmic_share=float(np.asarray(cell.r_s if isinstance(cell, Circ) else cell.r_o)) / ohm,
+        ohmic_share=(float(np.asarray(cell.r_s if isinstance(cell, Circ) else cell.r_o)) + at_once) / ohm,
         resistance_sd=spread("resistance", said.resistance),
         polarisation_sd=spread("polarisation", said.polarisation) if left_open is None else _TOLD_POLARISATION_SD,
         capacity_sd=spread("capacity", said.capacity),

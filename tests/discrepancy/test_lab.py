@@ -9,7 +9,8 @@ import pytest
 from battery.cells import CAPACITY_C, circ
 from discrepancy.flown import BATTERY, SERIES, base, flown
 
-from bhm_service.battery.battery_file import BatteryFile
+from bhm_service.battery.battery_file import BatteryFile, Joined
+from bhm_service.battery.effects import DoubleLayer
 from bhm_service.battery.left_open import left_open
 from bhm_service.battery.uncertainty import Uncertainty
 from bhm_service.discrepancy.lab import BEND_SOC, DROP_S, DROP_SOC, FORM, followed, lab_of
@@ -101,6 +102,17 @@ def test_what_the_lab_left_open_is_widened_by_what_differs_in_flight_only():
     before, after = (one.form[1] - told.covariance for one in (lab, wider))
     drops = slice(BEND_SOC.size, -2)
     np.testing.assert_allclose(after[drops, drops], 4.0 * before[drops, drops])
+
+
+def test_what_a_double_layer_holds_back_for_a_second_goes_at_once_for_a_log_at_one_hertz():
+    """Its pair and the series resistance share what another identification has in the series resistance alone."""
+    layers = [Joined(effect=DoubleLayer(exchange_current=20.0, time_constant=s)) for s in (1.0, 20.0)]
+    bare, quick, slow = (
+        lab_of(replace(BATTERY, joined=joined), "circ", None, None) for joined in [(), *((layer,) for layer in layers)]
+    )
+    assert quick.ohm == slow.ohm > 1.1 * bare.ohm
+    assert quick.ohmic - bare.ohmic == pytest.approx(SERIES * (quick.ohm - bare.ohm))
+    assert slow.ohmic == pytest.approx(bare.ohmic) == pytest.approx(SERIES * circ().r_s)
 
 
 def test_a_curve_is_off_by_about_the_same_at_charges_that_are_near():
