@@ -6,6 +6,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import pearsonr
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.fitting import Fitted
@@ -26,6 +27,8 @@ _FULL_V = 0.008  # [V] of a cell: a hundredth of its charge, as closely as a ful
 _LEAST = {**dict.fromkeys(STRUCTURAL - _PASSING, _STRUCTURAL_V), "partial-charge": _FULL_V}
 MUCH = 0.4  # of the misfit's power: what explains less of it by itself has to earn the more for it
 _OPPOSED = -0.8  # cosine
+_FOLLOWS = 0.01  # probability that sizes of single flights go with their temperatures as they do by chance
+_FEWEST = 4  # flights whose sizes tell that
 _FELT = 0.1  # of what an effect adds at most
 _REACH = 0.995  # of the way to a bound of what is physical
 # What any pack meets on its way, then what is wrong with a sensor or a cell, then what stands beside another cause or
@@ -140,7 +143,23 @@ def _stands(found: Search, names: Names) -> bool:
         and _physical(found.fitted(names))
         and _matters(found, names)
         and _explains(found, names)
+        and _by_chance(found.fitted(names))
     )
+
+
+def _by_chance(fitted: Fitted) -> bool:
+    """Whether what is of another size in every flight has nothing to do with how warm the flights were.
+
+    Sizes that nothing ties to each other take up what an equation leaves that is driven by temperature, and what has no
+    equation in the set: then they follow the temperature.
+    """
+    means = [np.nan if f.temperature_k is None else float(np.mean(f.temperature_k)) for f in fitted.joint.flights]
+    kelvin = np.array(means)[known := np.isfinite(means)]
+    if kelvin.size < _FEWEST or np.ptp(kelvin) == 0.0:
+        return True
+    values = fitted.joint.values(fitted.x[None, :])
+    own = [values[u.name][0][known] for c in fitted.joint.members for u in c.amplitudes() if u.per_flight]
+    return all(np.ptp(sizes) == 0.0 or pearsonr(sizes, kelvin).pvalue > _FOLLOWS for sizes in own)
 
 
 def _explains(found: Search, names: Names) -> bool:

@@ -77,6 +77,18 @@ def test_a_start_that_is_off_by_what_a_full_charge_is_known_to_is_none_that_anyb
     assert (select(favoured).names == name) is named
 
 
+@pytest.mark.parametrize(("kelvin", "named"), [((279, 284, 289, 294, 299), False), ((289, 299, 279, 284, 294), True)])
+def test_sizes_of_single_flights_that_follow_their_temperature_are_what_another_cause_leaves(kelvin, named):
+    """The same deficits, from the coldest flight to the warmest or in no such order."""
+    name, deficits = frozenset({"partial-charge"}), (0.12, 0.095, 0.07, 0.05, 0.02)
+    effects = [EFFECTS["partial-charge"](deficit=d) for d in deficits]
+    flights = [flown([e], seed=5, number=k, kelvin=at) for k, (e, at) in enumerate(zip(effects, kelvin, strict=True))]
+    found = searching(tuple(flights), name)
+    for names in (frozenset(), name):
+        found.fitted(names)
+    assert (select(found).names == name) is named
+
+
 def off_by_its_curve(flights):
     """Flights of a battery whose open-circuit curve is off by up to 25 mV a cell."""
     return [
