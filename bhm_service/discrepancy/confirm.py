@@ -146,6 +146,7 @@ def subset(joint: Joint, flights: list[int]) -> Joint:
         tuple(joint.flights[k] for k in flights),
         tuple(c.on(flights) for c in joint.members),
         tuple(joint.start_sd[k] for k in flights) if joint.start_sd else (),
+        joint.lean,
     )
 
 

@@ -188,6 +188,10 @@ class Demand:
         """How far a vector is from what was known before."""
         return np.asarray(self.unknowns.pulls(x)[0])
 
+    def leaning(self, x: Array) -> tuple[float, Array]:
+        """No number of a demand costs for what it multiplies."""
+        return 0.0, np.zeros(x.size)
+
     def predicted(self, x: Array, flight: int) -> Array:
         """Power of one flight for vectors (M, n). [W] (M, T)"""
         data, values = self.flights[flight], self.unknowns.values(x)

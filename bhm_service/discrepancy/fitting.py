@@ -45,6 +45,10 @@ class Problem(Protocol):
         """What the vector costs by what was known before; its square is the cost."""
         ...
 
+    def leaning(self, x: Array) -> tuple[float, Array]:
+        """Half of what the vector costs besides, and the slopes of that in those standard deviations."""
+        ...
+
     def residuals(self, x: Array, noise: Noise) -> list[Array]:
         """For each flight whitened residuals (N,)."""
         ...
@@ -205,6 +209,7 @@ def fit(
         if gain < enough and taken and (slow or share > _POOR):
             break
         slow = gain < enough
+    cost -= 2.0 * joint.leaning(x)[0]
     return Fitted(joint=joint, noise=noise, x=x, cost=cost, rows=rows, curvature=curvature, gradient=gradient)
 
 
@@ -235,11 +240,11 @@ def cost_of(joint: Problem, x: Array, noise: Noise) -> float:
 
 
 def _cost(joint: Problem, x: Array, rows: Sequence[Array]) -> float:
-    return bulk(rows) + float(np.sum(joint.pulls(x) ** 2))
+    return bulk(rows) + float(np.sum(joint.pulls(x) ** 2)) + 2.0 * joint.leaning(x)[0]
 
 
 def _gradient(joint: Problem, x: Array, rows: Sequence[Array], slopes: Sequence[Slopes]) -> Array:
-    total = joint.known @ joint.unknowns.pulls(x)[0]
+    total = joint.known @ joint.unknowns.pulls(x)[0] + joint.leaning(x)[1]
     for row, slope in zip(rows, slopes, strict=True):
         total = total + slope.back(weights(row) * row)
     return np.asarray(total)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -15,6 +16,7 @@ from bhm_service.discrepancy.abreast import Abreast, abreast
 from bhm_service.discrepancy.candidate import Candidate, alike, alike_sd
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.lab import BEND_SOC, Lab, LabError
+from bhm_service.discrepancy.lean import Lean
 from bhm_service.discrepancy.noise import Noise
 from bhm_service.discrepancy.slopes import Slopes
 from bhm_service.identification.unknowns import Block, Unknowns, joined, numbers
@@ -68,6 +70,7 @@ class Joint:
     flights: tuple[FlightData, ...]
     members: tuple[Candidate, ...] = ()
     start_sd: tuple[float, ...] = field(default=())  # per flight; by what is known of its start where not given
+    lean: Mapping[str, Lean] = field(default_factory=dict)  # of sizes, by their blocks' names
 
     @cached_property
     def unknowns(self) -> Unknowns:
@@ -413,6 +416,15 @@ class Joint:
         points = np.tile(x, (used.shape[1] + 1, 1))
         points[np.arange(1, used.shape[1] + 1), used] += steps[used]
         return points, steps
+
+    def leaning(self, x: Array) -> tuple[float, Array]:
+        """Half of what the vector costs by its leans, and the slopes of that in standard deviations; (n,)."""
+        nats, slopes = 0.0, np.zeros(self.scale.size)
+        for name, lean in self.lean.items():
+            k = self.places[name].start
+            nats += lean.nats(float(x[k]))
+            slopes[k] = lean.slope(float(x[k])) * self.scale[k]
+        return nats, slopes
 
     def pulls(self, x: Array) -> Array:
         """How far a vector is from what was known before, of its numbers and of their sums."""

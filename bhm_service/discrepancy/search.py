@@ -10,6 +10,7 @@ import numpy as np
 from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.fitting import Fitted, ProblemT, cost_of, fit, one_step
 from bhm_service.discrepancy.joint import Joint
+from bhm_service.discrepancy.marginal import likeliest
 from bhm_service.discrepancy.noise import SUDDEN, Noise, estimated
 from bhm_service.discrepancy.onset import begun
 from bhm_service.discrepancy.slopes import Slopes
@@ -76,12 +77,14 @@ class Search:
         """The fit of a set, begun from a smaller set's where one is given."""
         if names not in self.fits:
             joint = self.joint(names)
+            if start is not None:
+                joint = replace(joint, lean={n: own for n, own in start.joint.lean.items() if n in joint.places})
             best = min((f.cost for f in self.fits.values()), default=None)
             starts = _starts(joint, start)
             if not _hides(joint, start):
                 starts = [min(starts, key=lambda x: cost_of(joint, x, self.noise))]
             ends = [fit_over_valleys(joint, self.noise, begin, aim=best) for begin in starts]
-            self.fits[names] = min(ends, key=lambda end: end.cost)
+            self.fits[names] = likeliest(min(ends, key=lambda end: end.cost))
         return self.fits[names]
 
     def joint(self, names: Names) -> Joint:
@@ -105,7 +108,7 @@ class Search:
             x = at.joint.unknowns.start.copy()
             for name in own:
                 x[at.joint.places[name]] = at.x[at.joint.places[name]]
-            self._alone[names] = _by_members(fit(at.joint, self.noise, x, moving=own))
+            self._alone[names] = _by_members(fit(replace(at.joint, lean={}), self.noise, x, moving=own))
         return self._alone[names]
 
     def gains(self, names: Names) -> dict[str, float]:
