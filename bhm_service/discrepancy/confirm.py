@@ -140,13 +140,12 @@ def _predicted(found: Search, names: Names, left: int) -> Array:
 
 
 def subset(joint: Joint, flights: list[int]) -> Joint:
-    """A hypothesis over some of its flights."""
+    """A hypothesis over some of its flights; what sizes lean by is of all of them, and left behind."""
     return Joint(
         joint.lab,
         tuple(joint.flights[k] for k in flights),
         tuple(c.on(flights) for c in joint.members),
         tuple(joint.start_sd[k] for k in flights) if joint.start_sd else (),
-        joint.lean,
     )
 
 

@@ -82,10 +82,10 @@ class Fitted(Generic[ProblemT]):
     joint: ProblemT
     noise: Noise
     x: Array
-    cost: float
+    cost: float  # without what its sizes lean by: that is no part of the evidence
     rows: list[Array]
     curvature: Array  # of half the cost, by the vector in standard deviations of the prior
-    gradient: Array  # likewise
+    gradient: Array  # likewise, and of what its sizes lean by
 
     @cached_property
     def slopes(self) -> list[Slopes]:

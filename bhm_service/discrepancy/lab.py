@@ -271,8 +271,8 @@ def lab_of(battery: BatteryFile, model: ModelName, series: int | None, capacity_
         )
     layers = [e for e in battery.effects(model) if isinstance(e, DoubleLayer)]
     held_back = [(layer, _transfer_ohm(cell, 2.0 * layer.exchange_current)) for layer in layers]
-    ohm = _ohm(cell) + sum(own for _, own in held_back)
-    at_once = sum(own for layer, own in held_back if float(np.asarray(layer.time_constant)) <= _AT_ONCE_S)
+    ohm = _ohm(cell) + sum(share for _, share in held_back)
+    at_once = sum(share for layer, share in held_back if float(np.asarray(layer.time_constant)) <= _AT_ONCE_S)
     by_error = said.voltage_error_v / (ohm * _HOVER_C * own / SECONDS_PER_HOUR) / np.sqrt(len(DROP_S))
 
     def spread(kind: str, wide: float) -> float:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from discrepancy.flown import four, searching
+from discrepancy.unrecorded import days, warmed
 
 from bhm_service.discrepancy.confirm import Unseen, harmful, held_out
 
@@ -51,6 +52,18 @@ def test_what_a_held_out_flight_measured_later_does_not_reach_its_prediction(pro
     assert np.abs(moved).max() < 0.001
     # What the others are told by it does change, so it is not simply ignored.
     assert np.abs(found.flights[1].after_v - proof.flights[1].after_v).max() > 0.001
+
+
+def test_nor_does_it_where_nobody_recorded_what_drives_the_effect():
+    """How large all flights together make such a size is nothing that the others alone say."""
+    warmth = frozenset({"resistance-temperature"})
+    flights = warmed(days(6))
+    was, now = (
+        held_out(Unseen(searching(others, warmth)), warmth).flights
+        for others in (flights, (changed_later(flights[0], 0.3), *flights[1:]))
+    )
+    assert np.abs(now[0].after_v - was[0].after_v).max() < 0.001 * 0.3
+    assert np.abs(now[1].after_v - was[1].after_v).max() > 0.001
 
 
 def test_two_flights_are_too_few_to_hold_one_out():

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from discrepancy.flown import base, catalogue, flown, noise_model
+from discrepancy.unrecorded import ENERGY, days, warmed
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.fitting import fit
@@ -10,26 +11,15 @@ from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.marginal import likeliest
 
 WARMTH, SIZE = "resistance-temperature", "resistance-temperature.activation_energy"
-ENERGY = 22.0  # [kJ/mol]
+DAYS = days(14)
 CANDIDATE = {"only": {WARMTH}}
-
-
-def flights(energy, seed=2, count=14):
-    """Packs that began as warm as the days were, which differ as the catalogue expects; no log says how warm."""
-    days = np.random.default_rng(seed).normal(293.0, 6.0, count)
-    found = []
-    for number, ambient in enumerate(days):
-        heat = EFFECTS["self-heating"](heat_capacity=400.0, conductance=1.5, ambient=ambient, start_above=0.0)
-        physics = [EFFECTS[WARMTH](activation_energy=1e3 * energy), heat]
-        found.append(flown(physics, seed=seed, number=number, samples=200))
-    return tuple(found)
 
 
 @pytest.fixture(scope="module")
 def fits():
     """The best fit of all numbers together, and the likeliest size."""
-    flown_ = flights(ENERGY)
-    joint = Joint(base(flown_).lab, flown_, tuple(catalogue(flown_, **CANDIDATE)))
+    flights = warmed(DAYS)
+    joint = Joint(base(flights).lab, flights, tuple(catalogue(flights, **CANDIDATE)))
     best = fit(joint, noise_model())
     return best, likeliest(best)
 
@@ -46,8 +36,7 @@ def test_the_best_fit_of_a_size_and_of_what_it_multiplies_is_too_large_and_the_l
 
 
 def test_temperatures_differ_as_they_did_where_the_size_is_the_likeliest(fits):
-    true = np.random.default_rng(2).normal(293.0, 6.0, 14)
-    apart = [np.ptp(f.joint.values(f.x[None, :])["self-heating.ambient"][0]) / np.ptp(true) for f in fits]
+    apart = [np.ptp(f.joint.values(f.x[None, :])["self-heating.ambient"][0]) / np.ptp(DAYS) for f in fits]
     assert apart[0] < apart[1] < 1.2
 
 
