@@ -155,11 +155,16 @@ def _by_chance(fitted: Fitted) -> bool:
     """
     means = [np.nan if f.temperature_k is None else float(np.mean(f.temperature_k)) for f in fitted.joint.flights]
     kelvin = np.array(means)[known := np.isfinite(means)]
-    if kelvin.size < _FEWEST or np.ptp(kelvin) == 0.0:
+    if kelvin.size < _FEWEST or _all_alike(kelvin):
         return True
     values = fitted.joint.values(fitted.x[None, :])
     own = [values[u.name][0][known] for c in fitted.joint.members for u in c.amplitudes() if u.per_flight]
-    return all(np.ptp(sizes) == 0.0 or pearsonr(sizes, kelvin).pvalue > _FOLLOWS for sizes in own)
+    return all(_all_alike(sizes) or pearsonr(sizes, kelvin).pvalue > _FOLLOWS for sizes in own)
+
+
+def _all_alike(values: Array) -> bool:
+    """Whether numbers differ by their rounding at most, which follows nothing."""
+    return bool(np.allclose(values, values[0]))
 
 
 def _explains(found: Search, names: Names) -> bool:

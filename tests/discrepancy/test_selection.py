@@ -77,7 +77,14 @@ def test_a_start_that_is_off_by_what_a_full_charge_is_known_to_is_none_that_anyb
     assert (select(favoured).names == name) is named
 
 
-@pytest.mark.parametrize(("kelvin", "named"), [((279, 284, 289, 294, 299), False), ((289, 299, 279, 284, 294), True)])
+@pytest.mark.parametrize(
+    ("kelvin", "named"),
+    [
+        ((279, 284, 289, 294, 299), False),
+        ((289, 299, 279, 284, 294), True),
+        (tuple(289.0 + 2e-13 * k for k in range(5)), True),  # as warm as each other but for rounding
+    ],
+)
 def test_sizes_of_single_flights_that_follow_their_temperature_are_what_another_cause_leaves(kelvin, named):
     """The same deficits, from the coldest flight to the warmest or in no such order."""
     name, deficits = frozenset({"partial-charge"}), (0.12, 0.095, 0.07, 0.05, 0.02)
