@@ -13,8 +13,8 @@ from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.search import COMPANIONS, NATS, NEAR, STRONG, STRUCTURAL, Names, Search
 from bhm_service.units import Array
 
-# What has to be explained by the equations themselves before anything is said: one wrong story in a hundred fleets is
-# too many.
+# What has to be explained by the equations themselves before anything is said, where nothing tells what the model's
+# form is off by: one wrong story in a hundred fleets is too many.
 _CLAIM_NATS = 16.0
 _RIVALS = 6  # beside its mimics that a member of a set is held against
 _RIVALRIES = 3  # times that the chosen set's members are held against their mimics, at most
@@ -100,7 +100,7 @@ def _near(found: Search, refuted: Collection[Names], absent: Names) -> list[Name
         if better:
             best, most = names, nats
     near = [names for names in valid if len(names) <= len(best) and found.evidence(names) > most - NEAR]
-    if not any(_credit(found, names) > _CLAIM_NATS for names in near):
+    if not any(_credit(found, names) > _claim(found, names) for names in near):
         return []
     if _beyond_physics(found, _open(found, refuted, absent), most - _price(found, best) + NATS):
         return []
@@ -193,6 +193,15 @@ def _opposed(found: Search, names: Names) -> bool:
 def _credit(found: Search, names: Names) -> float:
     """Of a set's evidence, what its equations have by themselves. [nats]"""
     return found.evidence(names) * (share(found, names) if found.base.lab.identified else 1.0)
+
+
+def _claim(found: Search, names: Names) -> float:
+    """What the equations of a set have to explain by themselves before anything is said. [nats]
+
+    Where the lab told its model's form, what is left for chance is noise: no more than a member has to earn.
+    """
+    told = found.base.lab.left_open is not None
+    return NATS if told and not names & (STRUCTURAL | COMPANIONS) else _CLAIM_NATS
 
 
 def share(found: Search, names: Names) -> float:

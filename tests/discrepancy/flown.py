@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from battery.cells import CAPACITY_C, chem, circ
 from scipy.signal import lfilter
 
 from bhm_service.battery.battery_file import BatteryFile
 from bhm_service.battery.effects import EFFECTS
+from bhm_service.battery.left_open import left_open
 from bhm_service.battery.pack import PackModel
 from bhm_service.discrepancy.candidate import candidates
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.joint import Joint
-from bhm_service.discrepancy.lab import lab_of
+from bhm_service.discrepancy.lab import FORM, lab_of
 from bhm_service.discrepancy.noise import estimated
 from bhm_service.discrepancy.search import Search
 from bhm_service.discrepancy.sidecar import Notes
@@ -66,6 +69,14 @@ def flown(effects=(), *, model="circ", seed=0, number=0, kelvin=None, samples=SA
     )
 
 
+def off_by_its_curve(flights, by_v=0.025):
+    """Flights of a battery whose open-circuit curve is off by up to so many volts a cell."""
+    return [
+        replace(f, voltage_v=f.voltage_v + by_v * SERIES * np.sin(2.0 * np.pi * f.charge_c / CAPACITY_C))
+        for f in flights
+    ]
+
+
 def base(flights, model="circ"):
     """The battery as it is over flights."""
     return Joint(lab_of(BATTERY, model, None, None), tuple(flights))
@@ -74,6 +85,13 @@ def base(flights, model="circ"):
 def noise_model():
     """What `noise` is as the fits take it."""
     return estimated([noise(np.random.default_rng(k), 2000) for k in range(4)], 1e-4)
+
+
+def told_its_form(lab):
+    """The same lab where its own recordings showed, to some hundredth, that its model's form is off by nothing."""
+    count = sum(FORM.values())
+    told = left_open({name: np.zeros(size) for name, size in FORM.items()}, 1e-6 * np.eye(count))
+    return replace(lab, left_open=told)
 
 
 def catalogue(flights, model="circ", only=None):

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from battery.cells import CAPACITY_C
-from discrepancy.flown import AMBIENT_K, SERIES, flown, searching
+from discrepancy.flown import AMBIENT_K, flown, off_by_its_curve, searching, told_its_form
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.search import NATS
@@ -96,14 +95,6 @@ def test_sizes_of_single_flights_that_follow_their_temperature_are_what_another_
     assert (select(found).names == name) is named
 
 
-def off_by_its_curve(flights):
-    """Flights of a battery whose open-circuit curve is off by up to 25 mV a cell."""
-    return [
-        replace(f, voltage_v=f.voltage_v + 0.025 * SERIES * np.sin(2.0 * np.pi * f.charge_c / CAPACITY_C))
-        for f in flights
-    ]
-
-
 def test_evidence_that_the_equations_have_no_part_in_chooses_nothing():
     """Whatever it amounts to: it comes of the lab's errors, which were bent to suit the set."""
     found = searching(off_by_its_curve(flown(number=k) for k in range(4)), CONTACT)
@@ -116,6 +107,23 @@ def test_evidence_that_the_equations_have_no_part_in_chooses_nothing():
     assert favoured.evidence(CONTACT) > 30.0
     assert share(favoured, CONTACT) < MUCH
     assert select(favoured).names == frozenset()
+
+
+@pytest.mark.parametrize(("told", "chosen"), [(True, CONTACT), (False, frozenset())])
+def test_where_the_lab_told_its_form_equations_claim_what_a_member_has_to_earn(told, chosen):
+    """Otherwise a part of any evidence may be what its form is off by, and more is asked for."""
+    flights = tuple(flown([EFFECTS["contact-resistance"](resistance=0.02)], seed=5, number=k) for k in range(4))
+    found = searching(flights, CONTACT)
+    if told:
+        found.base = replace(found.base, lab=told_its_form(found.base.lab))
+    for names in (frozenset(), CONTACT):
+        found.fitted(names)
+    earned = 1.3 * NATS
+    cost = found.fits[CONTACT].cost + 2.0 * found.inflation * (found.evidence(CONTACT) - earned)
+    found.fits[CONTACT] = replace(found.fits[CONTACT], cost=cost)
+    assert found.evidence(CONTACT) == pytest.approx(earned)
+    assert share(found, CONTACT) > 0.9
+    assert select(found).names == chosen
 
 
 def test_of_a_refuted_set_only_a_part_is_left_to_choose(both):
