@@ -86,9 +86,10 @@ def told_from_lab(found: Search, names: Names) -> bool:
     """Whether what a set explains is more than the battery is off by in the lab, or of another kind.
 
     What a model leaves of the lab's own recordings it leaves in flight as well, and to what it leaves some effect of
-    a catalogue is always near. It lasts: what is there for seconds only is none of it, however little.
+    a catalogue is always near. Where the lab told where it is off, and how far, an effect has beaten that already. And
+    it lasts: what is there for seconds only is none of it, however little.
     """
-    return verdict.beyond_lab(found) or bool(names & _BRIEF)
+    return found.base.lab.left_open is not None or verdict.beyond_lab(found) or bool(names & _BRIEF)
 
 
 def _witnessed(found: Search, earned: Mapping[str, float]) -> bool:

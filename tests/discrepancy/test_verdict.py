@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from discrepancy.flown import BATTERY, flown, four, searching
+from discrepancy.flown import BATTERY, flown, four, searching, told_its_form
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.battery.uncertainty import Uncertainty
@@ -67,3 +67,10 @@ def test_what_is_there_for_seconds_only_is_no_lasting_error_of_the_lab(name):
     poor = of_lab(found, 2.0 * off_by(found))
     assert told_from_lab(poor, frozenset({name, "resistance-growth"}))
     assert not told_from_lab(poor, frozenset({"resistance-growth"}))
+
+
+def test_what_beat_the_errors_that_the_lab_told_of_is_none_of_them():
+    found = searching(four("resistance-growth"), {"resistance-growth"})
+    poor = of_lab(found, 2.0 * off_by(found))
+    poor.base = replace(poor.base, lab=told_its_form(poor.base.lab))
+    assert told_from_lab(poor, frozenset({"resistance-growth"}))
