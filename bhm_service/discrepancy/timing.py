@@ -6,7 +6,7 @@ from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.discrepancy.crossing import Witness
 from bhm_service.discrepancy.fitting import Fitted, fit
 from bhm_service.discrepancy.flights import usual_step_s
-from bhm_service.discrepancy.search import Names, needed
+from bhm_service.discrepancy.search import NATS, Names
 from bhm_service.discrepancy.valleys import SKEW
 
 
@@ -16,7 +16,7 @@ def timed(closer: Witness, names: Names) -> bool:
         return True
     at = closer.fitted(names)
     size = abs(float(at.x[at.joint.places[SKEW]][0]))
-    return size > 0.5 * usual_step_s(at.joint.flights) and closer.earned(names)[TimeSkew.id] >= needed(TimeSkew.id)
+    return size > 0.5 * usual_step_s(at.joint.flights) and closer.earned(names)[TimeSkew.id] >= NATS
 
 
 def by_samples(fitted: Fitted, closer: Witness, names: Names) -> Fitted:

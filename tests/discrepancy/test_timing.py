@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from discrepancy.flown import BATTERY, SERIES, base, catalogue, flown, searching
+from discrepancy.flown import BATTERY, SERIES, base, catalogue, flown, off_by_its_curve, searching
 
 from bhm_service.battery.cell import Modifiers
 from bhm_service.battery.dynamics import Follower
@@ -99,3 +99,27 @@ def test_a_slow_misfit_does_not_hide_a_skew():
     skew = [m.id == "time-skew" for m in found.joint(SKEW | FADE).members]
     found._alone[SKEW] = found.alone(SKEW | FADE)[skew]
     assert share(found, SKEW) > MUCH
+
+
+def test_nor_does_a_curve_that_is_off_move_a_skew_from_where_the_lab_explains_that():
+    """With nobody but itself to explain the slow misfit it would be a sixth larger, to take something of that."""
+    found = over_averages(off_by_its_curve(told(seconds_late=1.0), 0.05), SKEW)
+    at = found.fitted(SKEW)
+    x, own = at.joint.unknowns.start.copy(), at.joint.places["time-skew.skew"]
+    x[own] = at.x[own]
+    assert x[own] == pytest.approx(-1.0, abs=0.05)
+    adds = np.concatenate([p.members[0] for p in at.joint.all_predicted(x[None, :])])
+    np.testing.assert_allclose(found.alone(SKEW)[0], adds)
+    assert share(found, SKEW) > MUCH
+
+
+@pytest.mark.parametrize(("earned", "stands"), [(1.5 * NATS, True), (0.5 * NATS, False)])
+def test_the_logs_own_samples_have_to_like_a_skew_that_averages_told(earned, stands):
+    """How large it is they tell better than whether it is there, which averages have shown by as much as it takes."""
+    flights = told(seconds_late=1.0)
+    closer = witness(base(flights).lab, base(flights), catalogue(flights, only=SKEW))
+    own = closer._search(SKEW)
+    has = closer.earned(SKEW)["time-skew"]
+    own.fits[SKEW] = replace(own.fits[SKEW], cost=own.fits[SKEW].cost + 2.0 * own.inflation * (has - earned))
+    assert closer.earned(SKEW)["time-skew"] == pytest.approx(earned)
+    assert timed(closer, SKEW) is stands
