@@ -10,12 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import logsumexp
 
 from bhm_service.discrepancy.demand_model import Flown
 from bhm_service.discrepancy.noise import Noise
 from bhm_service.units import Array
 
 _GRID_S = 4.0  # between the times that are tried first
+_NEAR_S = 10.0  # of the best of these, where every sample is tried
 _EDGE_S = 20.0  # of flight that must lie before and after
 _LEVEL_SD, _STEP_SD = 0.3, 0.18  # as shares of the hover's power: of the flight's own level, and of a usual payload
 _LEAST = 0.01  # of the hover's power
@@ -43,10 +45,11 @@ def releases(misfits: Sequence[Array], flights: Sequence[Flown], noise: Noise) -
             continue
         gains, _ = _tried(misfit, t, grid, noise)
         at = grid[int(np.argmax(gains))]
-        near = t[np.abs(t - at) <= _GRID_S]
+        near = t[np.abs(t - at) <= _NEAR_S]
         gains, sizes = _tried(misfit, t, near, noise)
         best = int(np.argmax(gains))
-        price = float(np.log(np.ptp(t) / step))
+        # It is at any sample of the flight as likely beforehand, and now at some of them near the best.
+        price = float(np.log(np.ptp(t) / step) - logsumexp(gains - gains[best]))
         if gains[best] - price > _NATS and sizes[best] > _LEAST:
             found.append(Release(k, float(near[best]), price))
     return found

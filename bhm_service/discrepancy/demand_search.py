@@ -38,9 +38,9 @@ _ORDER = {name: place for place, name in enumerate(DEMAND_EFFECTS)}
 Fit = Fitted[Demand]
 
 
-def needed(name: str) -> float:
-    """What a member of a set has to earn. [nats]"""
-    return STRONG if name in LAWS else NATS
+def needed(name: str, let_go: bool = False) -> float:
+    """What a member of a set has to earn; what was ``let_go`` in flight has earned its place by its steps. [nats]"""
+    return STRONG if name in LAWS or let_go else NATS
 
 
 @dataclass(slots=True)
@@ -78,6 +78,10 @@ class DemandSearch:
         for m in names:
             self.fitted(names - {m})
         return {m: self.evidence(names) - self.evidence(names - {m}) for m in names}
+
+    def needed(self, name: str) -> float:
+        """What a member of a set has to earn on these flights. [nats]"""
+        return needed(name, any(t.key == name and t.change_points for t in self.terms))
 
     def ranked(self) -> list[Names]:
         """All sets that were fitted, the best first."""
@@ -198,7 +202,8 @@ def _carried(everything: Fit, terms: Sequence[Term]) -> list[Term]:
     above = mass > mass[order[int(np.argmax(np.diff(mass[order])))]]
     aboard = [above[k] or own.shapes[k].size > 1 for k in range(order.size)]
     shapes = tuple(s if on else np.zeros(1) for s, on in zip(own.shapes, aboard, strict=True))
-    price = own.price + order.size * float(np.log(2.0))
+    # A flight on which one was let go carried it, so there is nothing to choose.
+    price = own.price + sum(s.size == 1 for s in own.shapes) * float(np.log(2.0))
     return [replace(own, form=SOME, per_flight=False, shapes=shapes, price=price)]
 
 
@@ -260,7 +265,7 @@ def _stands(found: DemandSearch, names: Names) -> bool:
     sizes = added(fitted)
     if min(sizes.values()) < max(LEAST, _LEAST_SHARE * max(sizes.values())) or not _physical(fitted):
         return False
-    return all(earned >= needed(name) for name, earned in found.earned(names).items())
+    return all(earned >= found.needed(name) for name, earned in found.earned(names).items())
 
 
 def added(fitted: Fit) -> dict[str, float]:

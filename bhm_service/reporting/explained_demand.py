@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from plotly.subplots import make_subplots
 
-from bhm_service.discrepancy.demand_search import needed
+from bhm_service.discrepancy.demand_search import PAYLOAD, needed
 from bhm_service.discrepancy.demand_side import DemandSide, NotLooked, PowerCourse
 from bhm_service.discrepancy.findings import EffectFound
 from bhm_service.discrepancy.labels import flight_name
@@ -30,10 +30,12 @@ def demand_line(demand: DemandSide | NotLooked) -> str:
 
 def demand_blocks(demand: DemandSide) -> list[EffectBlock]:
     """What was found, the largest first."""
-    return [_block(found, words) for found, words in zip(demand.effects, demand.in_words, strict=True)]
+    let_go = frozenset({PAYLOAD}) if demand.change_points else frozenset[str]()
+    told = zip(demand.effects, demand.in_words, strict=True)
+    return [_block(found, words, needed(found.id, found.id in let_go)) for found, words in told]
 
 
-def _block(found: EffectFound, words: str) -> EffectBlock:
+def _block(found: EffectFound, words: str, asked_for: float) -> EffectBlock:
     kind = DEMAND_EFFECTS[found.id]
     (declared,) = kind.parameters()
     unit = "" if declared.unit == "1" else f" {declared.unit}"
@@ -44,7 +46,7 @@ def _block(found: EffectFound, words: str) -> EffectBlock:
         rows.append((declared.symbol, f"{with_sd(told.value, told.sd)}{unit}", meaning))
     grounds = [
         f"Evidence: {found.evidence_nats:.0f} nats beyond the best explanation without it; "
-        f"{needed(found.id):.0f} are asked for.",
+        f"{asked_for:.0f} are asked for.",
         f"{100.0 * found.share_of_misfit:.0f} % of the squared power error goes with it.",
     ]
     return EffectBlock(kind.title, found.id, kind.equation, kind.source, words, rows, grounds)

@@ -16,9 +16,11 @@ from bhm_service.discrepancy.demand_drift import drifting
 from bhm_service.discrepancy.demand_findings import joined_findings
 from bhm_service.discrepancy.demand_model import Demand, craft_of, flown_of
 from bhm_service.discrepancy.demand_release import releases
+from bhm_service.discrepancy.demand_search import choose, search
 from bhm_service.discrepancy.demand_side import DemandSide, NotLooked, demand_side
 from bhm_service.discrepancy.fitting import fit
 from bhm_service.discrepancy.noise import Noise
+from bhm_service.discrepancy.search import NATS, STRONG
 from bhm_service.errors import BadInputError
 from bhm_service.prediction.demand_file import known_demand, with_demand
 
@@ -85,6 +87,30 @@ def test_a_payload_that_is_let_go_is_found_in_time_and_in_weight(loaded):
     told = loaded.effects[0].parameters["payload"]
     assert abs(told.value - 0.1) < 3.0 * told.sd < 0.03
     assert "flights 00 and 02" in loaded.in_words[0]
+
+
+@pytest.mark.parametrize(("let_go", "chosen"), [(True, {"payload-mass:some"}), (False, set())])
+def test_what_is_let_go_needs_little_beside_the_steps_that_show_it(let_go, chosen):
+    """Each of them has earned its place in a flight by itself; what only differs between flights has not."""
+    flights = [ridden(k, heavier=0.06 * (k in (0, 2)), released_s=240.0 if let_go else None) for k in range(4)]
+    found = search(Demand(craft_of(vehicle(CLIMB), "known"), tuple(flown_of(f) for f in flights)))
+    some = frozenset({"payload-mass:some"})
+    while found.evidence(some) > 0.9 * NATS:
+        found = replace(found, noise=replace(found.noise, doubt=1.1 * found.noise.doubt), fits={})
+        found.fitted(some)
+    assert found.evidence(some) > STRONG
+    assert choose(found, np.random.default_rng(1)).names == chosen
+
+
+def test_a_step_costs_as_many_times_as_it_may_have_come_at_and_less_where_it_does_not_tell_which():
+    """A time in the whole flight by Laplace: the log of how many there are, and of how many are as good as the best."""
+    flown = flown_of(ridden(0))
+    clear, faint = (
+        releases([np.where(flown.time_s < 220.0, size, 0.0)], [flown], Noise(0.5, 0.0, 0.02))[0].price
+        for size in (0.1, 0.035)
+    )
+    assert clear == pytest.approx(np.log(flown.time_s.size), abs=0.1)
+    assert np.log(1.5) < clear - faint < np.log(10.0)
 
 
 def test_a_payload_that_is_let_go_in_a_gap_of_the_log_is_found_beside_it():
