@@ -89,7 +89,7 @@ def told_from_lab(found: Search, names: Names) -> bool:
     a catalogue is always near. Where the lab told where it is off, and how far, an effect has beaten that already. And
     it lasts: what is there for seconds only is none of it, however little.
     """
-    return found.base.lab.left_open is not None or verdict.beyond_lab(found) or bool(names & _BRIEF)
+    return found.base.lab.form_told or verdict.beyond_lab(found) or bool(names & _BRIEF)
 
 
 def _witnessed(found: Search, earned: Mapping[str, float]) -> bool:

@@ -38,11 +38,6 @@ _ORDER = {name: place for place, name in enumerate(DEMAND_EFFECTS)}
 Fit = Fitted[Demand]
 
 
-def needed(name: str, let_go: bool = False) -> float:
-    """What a member of a set has to earn; what was ``let_go`` in flight has earned its place by its steps. [nats]"""
-    return STRONG if name in LAWS or let_go else NATS
-
-
 @dataclass(slots=True)
 class DemandSearch:
     """Fits of sets of terms on the same flights and noise, each made once."""
@@ -80,8 +75,9 @@ class DemandSearch:
         return {m: self.evidence(names) - self.evidence(names - {m}) for m in names}
 
     def needed(self, name: str) -> float:
-        """What a member of a set has to earn on these flights. [nats]"""
-        return needed(name, any(t.key == name and t.change_points for t in self.terms))
+        """What a member of a set has to earn; what was let go in flight has earned its place by its steps. [nats]"""
+        let_go = any(t.key == name and t.change_points for t in self.terms)
+        return STRONG if name in LAWS or let_go else NATS
 
     def ranked(self) -> list[Names]:
         """All sets that were fitted, the best first."""

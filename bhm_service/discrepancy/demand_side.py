@@ -52,6 +52,7 @@ class DemandSide:
     craft: Craft
     verdict: Verdict
     effects: tuple[EffectFound, ...]
+    asked_for: tuple[float, ...]  # of the evidence of each [nats]
     alternatives: tuple[tuple[str, ...], ...]
     change_points: tuple[ChangePoint, ...]
     rest: float
@@ -128,6 +129,7 @@ def _found(found: DemandSearch, chosen: Chosen) -> DemandSide:
         craft=craft,
         verdict=verdict,
         effects=tuple(effects),
+        asked_for=tuple(found.needed(t.key) for t in _by_size(chosen, fitted)),
         alternatives=alternatives,
         change_points=tuple(
             ChangePoint(flight=flight, time_s=time_s) for t in fitted.joint.terms for flight, time_s in t.change_points

@@ -82,6 +82,11 @@ class Lab:
     left_open: LeftOpen | None = None  # the errors of form that the lab's own recordings show
 
     @property
+    def form_told(self) -> bool:
+        """Whether the lab's own recordings showed what the model's form is off by, not only its kind's usual errors."""
+        return self.left_open is not None
+
+    @property
     def capacity_c(self) -> float:
         """Of the pack. [C]"""
         return float(np.asarray(self.cell.capacity_c)) * self.parallel
@@ -106,7 +111,7 @@ class Lab:
     @property
     def drop_sds(self) -> dict[float, float]:
         """Standard deviation of the drop at each relaxation, of ``ohm``; from lab to flight where the lab told it."""
-        fast = _FAST if self.left_open is None else {}
+        fast = {} if self.form_told else _FAST
         return {tau: self.drop_sd * fast.get(tau, 1.0) * self.widening.get(tau, 1.0) for tau in DROP_S}
 
     @cached_property

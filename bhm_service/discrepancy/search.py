@@ -121,7 +121,7 @@ class Search:
 
     def needed(self, name: str) -> float:
         """What a member of a set has to earn on these flights. [nats]"""
-        return needed(name, self.base.lab.left_open is not None)
+        return needed(name, self.base.lab.form_told)
 
     @property
     def inflation(self) -> float:

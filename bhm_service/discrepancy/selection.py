@@ -200,8 +200,7 @@ def _claim(found: Search, names: Names) -> float:
 
     Where the lab told its model's form, what is left for chance is noise: no more than a member has to earn.
     """
-    told = found.base.lab.left_open is not None
-    return NATS if told and not names & (STRUCTURAL | COMPANIONS) else _CLAIM_NATS
+    return NATS if found.base.lab.form_told and not names & (STRUCTURAL | COMPANIONS) else _CLAIM_NATS
 
 
 def share(found: Search, names: Names) -> float:

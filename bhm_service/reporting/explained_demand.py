@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from plotly.subplots import make_subplots
 
-from bhm_service.discrepancy.demand_search import PAYLOAD, needed
 from bhm_service.discrepancy.demand_side import DemandSide, NotLooked, PowerCourse
 from bhm_service.discrepancy.findings import EffectFound
 from bhm_service.discrepancy.labels import flight_name
@@ -30,9 +29,8 @@ def demand_line(demand: DemandSide | NotLooked) -> str:
 
 def demand_blocks(demand: DemandSide) -> list[EffectBlock]:
     """What was found, the largest first."""
-    let_go = frozenset({PAYLOAD}) if demand.change_points else frozenset[str]()
-    told = zip(demand.effects, demand.in_words, strict=True)
-    return [_block(found, words, needed(found.id, found.id in let_go)) for found, words in told]
+    told = zip(demand.effects, demand.in_words, demand.asked_for, strict=True)
+    return [_block(found, words, asked_for) for found, words, asked_for in told]
 
 
 def _block(found: EffectFound, words: str, asked_for: float) -> EffectBlock:

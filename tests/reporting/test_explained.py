@@ -279,6 +279,12 @@ def test_page_tells_of_power_what_it_tells_of_voltage(climbed):
     assert "On the same energy flight" in page and "vehicle.toml" in page
 
 
+def test_page_tells_what_was_asked_of_each_demand_effect(climbed):
+    for asked_for in (3.0, 17.0):
+        page = outside(explained_page(replace(climbed, demand=replace(climbed.demand, asked_for=(asked_for,)))))
+        assert f"nats beyond the best explanation without it; {asked_for:.0f} are asked for." in page
+
+
 def test_power_figure_shows_measured_before_and_after_with_units(climbed):
     plot = power_figure(climbed.demand, climbed.demand.courses[0])
     assert {"measured", "vehicle file", "explanation"} <= {trace.name for trace in plot.data}
