@@ -2,67 +2,153 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bhm_service.battery.effects import EFFECTS
+from bhm_service.battery.effects.self_heating import SelfHeating
 from bhm_service.discrepancy.candidate import Candidate
+from bhm_service.discrepancy.explanation import Contest
 from bhm_service.discrepancy.findings import Verdict
-from bhm_service.discrepancy.fitting import Fitted
+from bhm_service.discrepancy.fitting import Fitted, fit
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.joint import Joint
-from bhm_service.discrepancy.search import Names, Search
+from bhm_service.discrepancy.manoeuvres import MENU, ORDINARY, Manoeuvre
+from bhm_service.discrepancy.search import LEAST_SNR, Names, Search, expected_snr
 from bhm_service.discrepancy.selection import Selection
-from bhm_service.units import ZERO_CELSIUS_K, Array
+from bhm_service.units import Array
 
 _ENOUGH = 5.0  # standard deviations by which two explanations have to part
-_COLD_K = ZERO_CELSIUS_K + 5.0
+_MOST = 3  # rivals, and effects of a line, that are told of
+_AIR, _START = f"{SelfHeating.id}.ambient", f"{SelfHeating.id}.start_above"  # of a temperature that nobody recorded
+
+
+def advice(
+    found: Search, chosen: Selection, verdict: Verdict, tried: Sequence[Candidate] = (), rivals: Sequence[Contest] = ()
+) -> list[str]:
+    """The cheapest manoeuvre, by simulation, that would settle what is open; nothing where nothing is.
+
+    That is each rivalry of an ambiguous verdict, with another set or with a phantom driver (``rivals``), and which of
+    the effects ``tried`` are there at all where the flights could show hardly any.
+    """
+    if verdict == "ambiguous":
+        sets = [_set(found, chosen.names, names) for names in chosen.alternatives[:_MOST]]
+        unbeaten = [c for c in rivals if not c.beaten and c.rival is not None and c.driver is not None]
+        return _settling(found, [*sets, *(_phantom(found, chosen.names, c) for c in unbeaten)])
+    return _exciting(found, tried) if verdict == "not-excited" else []
 
 
 @dataclass(frozen=True, slots=True)
-class Manoeuvre:
-    """Something that a pilot can do, the cheap first."""
+class _Rivalry:
+    """Two explanations that the flights do not tell apart."""
 
-    words: str
-    flown: Callable[[FlightData, float], FlightData]  # (an ordinary flight, capacity [C]) -> the same with it
-
-
-def advice(found: Search, chosen: Selection, verdict: Verdict) -> list[str]:
-    """The cheapest manoeuvre that would settle each rivalry, by simulation; for other verdicts what would show more."""
-    if verdict == "ambiguous":
-        said = [line for names in chosen.alternatives[:3] for line in _settling(found, chosen.names, names)]
-        return list(dict.fromkeys(said))
-    if verdict == "not-excited":
-        dull = sorted(found.snr, key=lambda name: found.snr[name])[:3]
-        return [f"{EFFECTS[name].title}: {EFFECTS[name].manoeuvre}." for name in dull]
-    return []
+    against: str
+    apart: Callable[[FlightData, Manoeuvre], Array]  # their voltages of a flight to come, one less the other [V]
+    special: str  # what would tell them apart beside flights
 
 
-def _settling(found: Search, names: Names, rival: Names) -> list[str]:
+def _set(found: Search, names: Names, rival: Names) -> _Rivalry:
     one, other = found.fitted(names), found.fitted(rival)
     title = " and ".join(sorted(rival - names) or sorted(rival))
-    for manoeuvre in MENU:
-        parted = _parted(found, one, other, manoeuvre)
-        if parted > _ENOUGH:
-            return [f"Against {title}: {manoeuvre.words} (would part the two by {parted:.0f} sigma)."]
     special = next((EFFECTS[n].manoeuvre for n in sorted(names - rival)), "")
-    return [f"Against {title}: no flight tells the two apart; {special}."] if special else []
+    return _Rivalry(title, lambda data, m: _said(one, data, m) - _said(other, data, m), special)
 
 
-def _parted(found: Search, one: Fitted, other: Fitted, manoeuvre: Manoeuvre) -> float:
-    """Standard deviations between what two explanations say of a flight with the manoeuvre, its start left free."""
-    usual = max(found.base.flights, key=lambda f: f.time_s[-1])
+def _phantom(found: Search, names: Names, contest: Contest) -> _Rivalry:
+    one, rival, driver = found.fitted(names), contest.rival, contest.driver
+    assert rival is not None and driver is not None
+    driven = [m.id for m in one.joint.members if m.inferred or "temperature" in EFFECTS[m.id].drivers]
+
+    def apart(data: FlightData, manoeuvre: Manoeuvre) -> Array:
+        return _said(one, data, manoeuvre) - _said(rival, replace(data, temperature_k=driver(data)), manoeuvre)
+
+    return _Rivalry(f"{contest.decoy} as its driver", apart, EFFECTS[driven[0]].manoeuvre)
+
+
+def _settling(found: Search, rivalries: Sequence[_Rivalry]) -> list[str]:
+    """Of each rivalry the cheapest manoeuvre by which it parts, or in words what no ordinary flight shows."""
+    parted: dict[Manoeuvre, list[tuple[str, float]]] = {}
+    said = []
+    for rivalry in rivalries:
+        cheapest = next(_parting(found, rivalry), None)
+        if cheapest is not None:
+            parted.setdefault(cheapest[0], []).append((rivalry.against, cheapest[1]))
+        elif rivalry.special:
+            said.append(f"Against {rivalry.against}: no flight tells the two apart; {rivalry.special}.")
+    for manoeuvre, against in parted.items():
+        *more, last = (f"{rival} ({sigma:.0f} sigma)" for rival, sigma in against)
+        told = f"{', '.join(more)} or {last}" if more else last
+        said.append(f"{_sentence(manoeuvre)}: it would tell it from {told}.")
+    return list(dict.fromkeys(said))
+
+
+def _parting(found: Search, rivalry: _Rivalry) -> Iterator[tuple[Manoeuvre, float]]:
+    """The manoeuvres that settle a rivalry, the cheap first, and by how many standard deviations."""
+
+    def sigma(manoeuvre: Manoeuvre) -> float:
+        data = _with(found, manoeuvre)
+        return _outstanding(found, rivalry.apart(data, manoeuvre), data)
+
+    ordinary = sigma(ORDINARY)  # which did not settle it
+    for manoeuvre in MENU:
+        more = float(np.sqrt(max(sigma(manoeuvre) ** 2 - ordinary**2, 0.0)))
+        if more > _ENOUGH:
+            yield manoeuvre, more
+
+
+def _exciting(found: Search, tried: Sequence[Candidate]) -> list[str]:
+    """The cheapest manoeuvres that show effects which these flights could not, each with what it shows."""
+    dull = [c for c in tried if c.id in found.snr and found.snr[c.id] < LEAST_SNR and not c.inferred]
+    said = []
+    for manoeuvre in MENU:
+        data = _with(found, manoeuvre)
+        of = {c.id: _shown(found, c, data) for c in dull}
+        shown = sorted((name for name in of if of[name] >= LEAST_SNR), key=lambda name: -of[name])
+        if shown:
+            named = ", ".join(f"{name} ({of[name]:.0f} sigma)" for name in shown[:_MOST])
+            more = f" and {len(shown) - _MOST} more" if len(shown) > _MOST else ""
+            said.append(f"{_sentence(manoeuvre)}: it would show whether there is {named}{more}.")
+            dull = [c for c in dull if c.id not in shown]
+    dullest = sorted(dull, key=lambda c: found.snr[c.id])[:_MOST]
+    return said or [f"{EFFECTS[c.id].title}: {EFFECTS[c.id].manoeuvre}." for c in dullest]
+
+
+def _shown(found: Search, candidate: Candidate, data: FlightData) -> float:
+    """By how many standard deviations an effect of the usual size would stand out of a flight of the battery."""
+    bare = Joint(found.base.lab, (data,))
+    told = replace(data, voltage_v=np.asarray(bare.predicted(bare.unknowns.start[None, :], 0).voltage[0]))
+    at = fit(replace(bare, flights=(told,)), found.noise)
+    own = candidate.on([_usual(found)])
+    return expected_snr(at, replace(at.joint, members=(own,)), own)
+
+
+def _sentence(manoeuvre: Manoeuvre) -> str:
+    return manoeuvre.words[0].upper() + manoeuvre.words[1:]
+
+
+def _usual(found: Search) -> int:
+    """The longest flight: what one with a manoeuvre is made of."""
+    return max(range(len(found.base.flights)), key=lambda k: float(found.base.flights[k].time_s[-1]))
+
+
+def _with(found: Search, manoeuvre: Manoeuvre) -> FlightData:
+    """An ordinary flight with a manoeuvre, not measured yet."""
+    usual = found.base.flights[_usual(found)]
     data = manoeuvre.flown(replace(usual, voltage_v=np.zeros_like(usual.voltage_v)), found.base.lab.capacity_c)
-    data = replace(data, notes=replace(data.notes, rest_voltage_v=None))
-    difference = found.noise.whitened((_said(one, data) - _said(other, data))[None, :])[0]
-    level = found.noise.whitened(np.vstack([np.ones(difference.size), data.current_a]))
-    free = np.linalg.lstsq(level.T, difference, rcond=None)[0]
-    return float(np.sqrt(np.sum((difference - free @ level) ** 2)))
+    return replace(data, notes=replace(data.notes, rest_voltage_v=None))
 
 
-def _said(fitted: Fitted, data: FlightData) -> Array:
+def _outstanding(found: Search, difference: Array, data: FlightData) -> float:
+    """Standard deviations of a difference in voltage over a flight whose start and resistance are left free."""
+    whitened = found.noise.whitened(difference[None, :])[0]
+    level = found.noise.whitened(np.vstack([np.ones(whitened.size), data.current_a]))
+    free = np.linalg.lstsq(level.T, whitened, rcond=None)[0]
+    return float(np.sqrt(np.sum((whitened - free @ level) ** 2)))
+
+
+def _said(fitted: Fitted[Joint], data: FlightData, manoeuvre: Manoeuvre) -> Array:
     """A new flight by a fit: what all flights share as found, what differs between them at its mean."""
     members: tuple[Candidate, ...] = tuple(
         replace(c, fixed={key: [told[-1]] for key, told in c.fixed.items()}) for c in fitted.joint.members
@@ -73,63 +159,6 @@ def _said(fitted: Fitted, data: FlightData) -> Array:
         values = fitted.x[fitted.joint.unknowns.slice_of(block.name)]
         shared = block.name not in fitted.joint.per_flight
         x[joint.unknowns.slice_of(block.name)] = values if shared else values.mean()
+    if manoeuvre.soaked_k is not None and _AIR in joint.places:
+        x[joint.places[_AIR]], x[joint.places[_START]] = manoeuvre.soaked_k, 0.0
     return np.asarray(joint.predicted(x[None, :], 0, forms=False).voltage[0])
-
-
-def _extended(data: FlightData, seconds: float, current: float, before: bool) -> FlightData:
-    step = float(np.median(np.diff(data.time_s)))
-    count = max(int(seconds / step), 2)
-    more = np.full(count, current)
-
-    def with_(series: Array, extra: Array) -> Array:
-        return np.concatenate([extra, series] if before else [series, extra])
-
-    def held(series: Array) -> Array:
-        return with_(series, np.full(count, series[0 if before else -1]))
-
-    return replace(
-        data,
-        time_s=step * np.arange(float(data.time_s.size + count)),
-        current_a=with_(data.current_a, more),
-        shifts_a=None,
-        voltage_v=held(data.voltage_v),
-        temperature_k=None if data.temperature_k is None else held(data.temperature_k),
-        airborne=with_(data.airborne.astype(float), np.zeros(count)) > 0.5,
-        altitude_m=held(data.altitude_m),
-        climb_mps=held(data.climb_mps),
-        speed_mps=held(data.speed_mps),
-        pressure_pa=held(data.pressure_pa),
-    )
-
-
-def _steps(data: FlightData, _: float) -> FlightData:
-    hover = float(np.mean(data.current_a[data.airborne])) if data.airborne.any() else float(data.current_a.max())
-    pulses = np.repeat([2.0 * hover, hover] * 3, 5)
-    current = data.current_a.copy()
-    first = int(np.argmax(data.airborne)) + 30
-    stop = min(first + pulses.size, current.size)
-    current[first:stop] = pulses[: stop - first]
-    return replace(data, current_a=current, shifts_a=None)
-
-
-def _deep(data: FlightData, capacity_c: float) -> FlightData:
-    hover = float(np.mean(data.current_a[data.airborne])) if data.airborne.any() else float(data.current_a.mean())
-    left = 0.85 * capacity_c - float(data.charge_c[-1])
-    return data if left <= 0.0 else _extended(data, left / max(hover, 1e-3), hover, before=False)
-
-
-def _cold(data: FlightData, _: float) -> FlightData:
-    if data.temperature_k is None:
-        return data
-    return replace(data, temperature_k=data.temperature_k - data.temperature_k[0] + _COLD_K)
-
-
-MENU = (
-    Manoeuvre("record a minute of rest before arming", lambda d, _: _extended(d, 60.0, 0.0, before=True)),
-    Manoeuvre("three throttle steps of 5 s to full", _steps),
-    Manoeuvre(
-        "keep recording for 10 minutes of rest after landing", lambda d, _: _extended(d, 600.0, 0.0, before=False)
-    ),
-    Manoeuvre("hover down to 15 % of charge", _deep),
-    Manoeuvre("start with the pack soaked at 5 degC", _cold),
-)

@@ -7,7 +7,8 @@ only one of several.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +24,18 @@ _SHIFTS = 3  # permutations of the flights' drivers
 
 
 BEATEN = 0.8  # of the phantoms, below which a driver has no claim
+_ALONG: Mapping[str, Callable[[FlightData], Array]] = {
+    "time in the air": lambda f: f.time_s,
+    "charge used": lambda f: f.charge_c,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Phantom:
+    """A driver that is not it: its courses on the flights [K], and on a flight to come."""
+
+    courses: list[Array]
+    anew: Callable[[FlightData], Array]
 
 
 def contests(found: Search, names: Names, rng: np.random.Generator) -> list[Contest]:
@@ -37,46 +50,51 @@ def contests(found: Search, names: Names, rng: np.random.Generator) -> list[Cont
     true = found.fitted(names)
     by = found.inflation
     results = []
-    for name, series in phantoms.items():
-        given = tuple(replace(f, temperature_k=t) for f, t in zip(flights, series, strict=True))
+    for name, phantom in phantoms.items():
+        given = tuple(replace(f, temperature_k=t) for f, t in zip(flights, phantom.courses, strict=True))
         plain = tuple(c.alone() if c.inferred else c for c in members)
         rival = fit(Joint(found.base.lab, given, plain, found.base.start_sd), found.noise)
         # Where the warmth itself has to be found, that it could have been another is not what a phantom beats it by.
         nats = 0.5 * (rival.cost - true.cost) / by if hidden else true.evidence(by) - rival.evidence(by)
-        results.append(Contest(name, float(nats), bool(nats > NEAR)))
+        results.append(Contest(name, float(nats), bool(nats > NEAR), rival, phantom.anew))
     return results
 
 
-def _phantoms(flights: tuple[FlightData, ...], rng: np.random.Generator) -> dict[str, list[Array]]:
-    known = [f.temperature_k for f in flights]
-    assert all(t is not None for t in known)
-    courses = [t for t in known if t is not None]
-    found: dict[str, list[Array]] = {}
-    for shift in range(1, min(_SHIFTS, len(flights) - 1) + 1):
-        found[f"temperature of other flights ({shift})"] = [
-            _stretched(courses[(k + shift) % len(flights)], f.time_s.size) for k, f in enumerate(flights)
-        ]
-    mean = float(np.mean(np.concatenate(courses)))
-    spread = float(np.std(np.concatenate(courses))) + 1e-3
-    every = [float(t.mean()) for t in courses]
-    found["time in the air"] = _ramps([f.time_s for f in flights], mean, spread)
-    found["charge used"] = _ramps([f.charge_c for f in flights], mean, spread)
-    found["phases drawn anew"] = [every[int(rng.integers(len(every)))] + _phase(t, rng) for t in courses]
-    return found
-
-
-def _hidden_phantoms(flights: tuple[FlightData, ...]) -> dict[str, list[Array]]:
-    last = max(float(f.time_s[-1]) for f in flights)
-    most = max(float(f.charge_c[-1]) for f in flights)
-    return {
-        "time in the air": [REFERENCE_TEMPERATURE_K + _WARMING_K * f.time_s / last for f in flights],
-        "charge used": [REFERENCE_TEMPERATURE_K + _WARMING_K * f.charge_c / most for f in flights],
-    }
-
-
-def _ramps(courses: list[Array], mean: float, spread: float) -> list[Array]:
+def _phantoms(flights: tuple[FlightData, ...], rng: np.random.Generator) -> dict[str, Phantom]:
+    courses = [t for f in flights if (t := f.temperature_k) is not None]
+    assert len(courses) == len(flights)
     every = np.concatenate(courses)
-    return [mean + spread * (c - every.mean()) / max(float(every.std()), 1e-9) for c in courses]
+    mean, spread = float(np.mean(every)), float(np.std(every)) + 1e-3
+    found: dict[str, Phantom] = {}
+    for shift in range(1, min(_SHIFTS, len(flights) - 1) + 1):
+        shifted = [_stretched(courses[(k + shift) % len(flights)], f.time_s.size) for k, f in enumerate(flights)]
+        found[f"temperature of other flights ({shift})"] = Phantom(shifted, _like(flights[0], shifted[0]))
+    for name, of in _ALONG.items():
+        along = np.concatenate([of(f) for f in flights])
+        rise = spread / max(float(along.std()), 1e-9)
+        found[name] = _along(flights, of, mean - rise * float(along.mean()), rise)
+    means = [float(t.mean()) for t in courses]
+    drawn = [means[int(rng.integers(len(means)))] + _phase(t, rng) for t in courses]
+    return found | {"phases drawn anew": Phantom(drawn, _like(flights[0], drawn[0]))}
+
+
+def _like(flight: FlightData, course: Array) -> Callable[[FlightData], Array]:
+    """Of a flight to come: as it was on another, whatever is done."""
+    return lambda data: np.interp(data.time_s, flight.time_s, course)
+
+
+def _hidden_phantoms(flights: tuple[FlightData, ...]) -> dict[str, Phantom]:
+    most = {name: max(float(of(f)[-1]) for f in flights) for name, of in _ALONG.items()}
+    return {name: _along(flights, of, REFERENCE_TEMPERATURE_K, _WARMING_K / most[name]) for name, of in _ALONG.items()}
+
+
+def _along(flights: tuple[FlightData, ...], of: Callable[[FlightData], Array], start: float, rise: float) -> Phantom:
+    """A temperature that rises evenly with something else."""
+
+    def anew(data: FlightData) -> Array:
+        return start + rise * of(data)
+
+    return Phantom([anew(f) for f in flights], anew)
 
 
 def _stretched(course: Array, size: int) -> Array:

@@ -94,7 +94,7 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
     courses = courses_of(base, fitted)
     judged = verdict.judge(found, chosen, fitted, courses, decision.contests, decision.left)
     described = "" if decision.left is None else left_in_words(decision.left)
-    advised = advice(found, chosen, judged.verdict)
+    advised = advice(found, chosen, judged.verdict, tried, decision.contests)
     if described:
         advised.append(f"Look for a cause that goes with it: {described}.")
     findings = findings_of(found, decision, fits, courses, proof, judged, advised)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -14,7 +14,9 @@ from bhm_service.discrepancy.confirm import HeldOut
 from bhm_service.discrepancy.demand_findings import joined_findings
 from bhm_service.discrepancy.demand_side import DemandSide, NotLooked
 from bhm_service.discrepancy.findings import Findings
+from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.flights import FlightData, LeftOut
+from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.lab import Lab
 from bhm_service.discrepancy.locate import Map
 from bhm_service.discrepancy.patterns import Pattern
@@ -54,6 +56,8 @@ class Contest:
     decoy: str
     nats: float  # evidence of the true driver beyond the phantom's
     beaten: bool
+    rival: Fitted[Joint] | None = None  # the set with the phantom
+    driver: Callable[[FlightData], Array] | None = None  # the phantom's temperature on a flight to come [K]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
