@@ -11,3 +11,7 @@ class BadInputError(Exception):
         self.problem = problem
         self.hint = hint
         super().__init__(f"{where}: {problem}" + (f"\n  {hint}" if hint else ""))
+
+    def __reduce__(self) -> tuple[type[BadInputError], tuple[str, str, str | None]]:
+        """What it is made from again: an exception is pickled with its message alone, and workers' errors are."""
+        return type(self), (self.where, self.problem, self.hint)
