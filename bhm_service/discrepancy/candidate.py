@@ -31,7 +31,7 @@ _SCALES = {
 _SHOWS = {"temperature": "resistance-temperature"}
 _FINEST = 0.25  # times what is declared: how alike flights may be expected to be in what differs between them
 _OPEN = 10.0  # times what is declared: nothing that flights show is pulled by what was expected any more
-_SCALE_NATS = 1.0  # that a scale costs which the flights themselves gave
+SCALE_NATS = 1.0  # that a scale costs which the flights themselves gave
 
 
 def alike_sd(count: int, sd: float, apart: float) -> float:
@@ -56,19 +56,32 @@ class Unknown:
     prior: tuple[float, float]  # in the declared unit
     log: bool
     per_flight: bool
+    apart: float | None = None  # how far flights may lie from each other in it, where that is less than the prior
 
     @property
     def name(self) -> str:
         """Of its block."""
         return f"{self.effect}.{self.declared.name}"
 
+    @property
+    def of_course(self) -> bool:
+        """Whether it is where a flight's driver begins, or what that is drawn to."""
+        return self.per_flight and self.declared.absent is None
+
+    def closer(self, share: float) -> Unknown:
+        """The same with flights expected to lie apart by a ``share`` of what is declared."""
+        if self.apart is not None:
+            return replace(self, apart=share * self.apart)
+        mean, sd = self.prior
+        return replace(self, prior=(mean, share * sd))
+
     def block(self, flights: int) -> Block:
         """Its block of unknowns."""
         size = flights if self.per_flight else 1
         mean, sd = self.prior
         low, high = self.declared.low, self.declared.high
-        if self.per_flight and self.declared.apart is not None:
-            sd = alike_sd(size, sd, self.declared.apart)
+        if self.apart is not None:
+            sd = alike_sd(size, sd, self.apart)
         if not self.log:
             found = numbers(self.name, np.full(size, mean), sd, 1.0)
             return Block(
@@ -117,7 +130,7 @@ class Candidate:
             return replace(u, prior=(mean, float(np.clip(apart, _FINEST * sd, sd))))
 
         unknowns = tuple(scaled(u) for u in self.unknowns)
-        return self if unknowns == self.unknowns else replace(self, unknowns=unknowns, price=self.price + _SCALE_NATS)
+        return self if unknowns == self.unknowns else replace(self, unknowns=unknowns, price=self.price + SCALE_NATS)
 
     def unexpected(self) -> Candidate:
         """The same with hardly anything known of its size beforehand.
@@ -274,7 +287,7 @@ def _candidate(
                 continue
             mean, sd = priors[p.name]
             log = p.absent is None and p.low > 0.0 and not p.per_flight
-            unknowns.append(Unknown(part.id, p, (mean, sd), log, p.per_flight))
+            unknowns.append(Unknown(part.id, p, (mean, sd), log, p.per_flight, p.apart if p.per_flight else None))
     parts = tuple((part.id, part) for part in (kind, *carriers))
     return Candidate(kind.id, parts, tuple(unknowns), fixed, inferred)
 

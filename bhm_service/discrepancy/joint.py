@@ -120,9 +120,9 @@ class Joint:
         """That full charges are alike, and what differs little between flights."""
         found = [self._tied(self.places[_STARTS].start + self._alike, _REPEATS_SD)]
         for u in (u for member in self.members for u in member.unknowns):
-            if u.per_flight and u.declared.apart is not None:
+            if u.apart is not None:
                 where = self.places[u.name]
-                found.append(self._tied(np.arange(where.start, where.stop), u.declared.apart))
+                found.append(self._tied(np.arange(where.start, where.stop), u.apart))
         return found
 
     @cached_property

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from bhm_service.discrepancy.alikeness import as_alike
 from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.fitting import Fitted, ProblemT, cost_of, fit, one_step
 from bhm_service.discrepancy.joint import Joint
@@ -357,6 +358,8 @@ def _as_spread(found: Search, candidate: Candidate) -> Candidate:
     alone = found.fits.get(frozenset({candidate.id}))
     if alone is None:
         return candidate
+    if candidate.inferred:
+        return as_alike(candidate, alone)
     return candidate.as_spread({name: rows[0] for name, rows in alone.joint.values(alone.x[None, :]).items()})
 
 
