@@ -85,6 +85,12 @@ class Scene:
             found.append(float(kelvin[minute_after_takeoff(course.flight)].mean()) - ZERO_CELSIUS_K)
         return found
 
+    @cached_property
+    def reached_c(self) -> list[float]:
+        """The coldest and the warmest of every flight whose temperature is known. [degC]"""
+        known = [kelvin for course in self.courses if (kelvin := temperature_k(course)) is not None]
+        return [float(end) - ZERO_CELSIUS_K for kelvin in known for end in (kelvin.min(), kelvin.max())]
+
 
 def size(scene: Scene) -> str:
     """An effect's size as a clause without its full stop."""
@@ -114,7 +120,8 @@ def _resistance_temperature(s: Scene) -> str:
     energy = 1e3 * s.value("activation_energy")
     known = s.takeoff_c or [5.0]
     coldest = min(known)
-    celsius = coldest if coldest < 20.0 else max(known, key=lambda c: abs(c - 25.0))
+    # Where no take-off was cold the pack is farthest from the lab's temperature once it has warmed up.
+    celsius = coldest if coldest < 20.0 else max([*known, *s.reached_c], key=lambda c: abs(c - 25.0))
     ratio = np.exp(energy / GAS_CONSTANT * (1.0 / (celsius + ZERO_CELSIUS_K) - 1.0 / REFERENCE_TEMPERATURE_K))
     return f"at {celsius:.0f} degC the pack has {ratio:.2g} times the resistance that it has at 25 degC"
 

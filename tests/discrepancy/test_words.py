@@ -62,6 +62,14 @@ def test_a_cold_packs_resistance_is_told_at_the_coldest_take_off():
     )  # fmt: skip
 
 
+def test_a_pack_that_starts_at_the_labs_temperature_is_told_of_where_it_has_warmed_up():
+    mild = [flown(flight(k, c)) for k, c in ((1, 24.0), (2, 25.0))]
+    warming = [replace(f, temperature_k=f.temperature_k + np.linspace(0.0, 16.0, f.time_s.size)) for f in mild]
+    # exp(22 kJ/mol / R (1/314.15 K - 1/298.15 K)) = 0.64
+    text = said("resistance-temperature", {"activation_energy": 22.0}, warming)
+    assert text.startswith("At 41 degC the pack has 0.64 times the resistance that it has at 25 degC; ")
+
+
 def test_temperature_that_no_sensor_told_is_taken_from_what_was_inferred():
     bare = [flown(flight(k, c)) for k, c in ((1, 5.0), (2, 24.0))]
     told = [course(f) for f in bare]
