@@ -11,6 +11,7 @@ from bhm_service.discrepancy.flights import FlightData
 from bhm_service.units import ZERO_CELSIUS_K, Array
 
 _COLD_K = ZERO_CELSIUS_K + 5.0
+_PULSE_S, _SETTLED_S = 5.0, 30.0  # each throttle step, and after take-off the first
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,9 +51,10 @@ def _extended(data: FlightData, seconds: float, current: float, before: bool) ->
 
 def _steps(data: FlightData, _: float) -> FlightData:
     hover = float(np.mean(data.current_a[data.airborne])) if data.airborne.any() else float(data.current_a.max())
-    pulses = np.repeat([2.0 * hover, hover] * 3, 5)
+    step = float(np.median(np.diff(data.time_s)))
+    pulses = np.repeat([2.0 * hover, hover] * 3, max(round(_PULSE_S / step), 1))
     current = data.current_a.copy()
-    first = int(np.argmax(data.airborne)) + 30
+    first = int(np.argmax(data.airborne)) + round(_SETTLED_S / step)
     stop = min(first + pulses.size, current.size)
     current[first:stop] = pulses[: stop - first]
     return replace(data, current_a=current, shifts_a=None)

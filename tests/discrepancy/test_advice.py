@@ -77,6 +77,17 @@ def test_what_flights_show_already_needs_no_manoeuvre(short):
     assert not [name for name, snr in found.snr.items() if snr >= LEAST_SNR and name in said]
 
 
+@pytest.mark.parametrize("step_s", [0.5, 1.0, 2.5])
+def test_throttle_steps_last_five_seconds_at_any_rate(step_s):
+    flight = replace(flown((), seed=4, samples=int(400.0 / step_s), step_s=step_s), shifts_a=None)
+    level = replace(flight, current_a=np.where(flight.airborne, 12.0, 0.3))
+    (steps,) = [m for m in MENU if "throttle" in m.words]
+    full = steps.flown(level, 1.0).current_a > 18.0
+    assert np.sum(np.diff(full.astype(int)) == 1) == 3
+    assert step_s * np.sum(full) == pytest.approx(3 * 5.0)
+    assert flight.time_s[np.argmax(full)] - flight.time_s[np.argmax(flight.airborne)] == pytest.approx(30.0)
+
+
 @pytest.mark.parametrize("verdict", ["none", "named", "unknown", "parameter", "sensor-suspect"])
 def test_what_is_settled_needs_no_flight(alike, verdict):
     found, rivals = contested(alike)
