@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -72,9 +72,10 @@ def _settling(found: Search, rivalries: Sequence[_Rivalry]) -> list[str]:
     parted: dict[Manoeuvre, list[tuple[str, float]]] = {}
     said = []
     for rivalry in rivalries:
-        cheapest = next(_parting(found, rivalry), None)
+        cheapest = _cheapest(found, rivalry)
         if cheapest is not None:
-            parted.setdefault(cheapest[0], []).append((rivalry.against, cheapest[1]))
+            manoeuvre, sigma = cheapest
+            parted.setdefault(manoeuvre, []).append((rivalry.against, sigma))
         elif rivalry.special:
             said.append(f"Against {rivalry.against}: no flight tells the two apart; {rivalry.special}.")
     for manoeuvre, against in parted.items():
@@ -84,8 +85,8 @@ def _settling(found: Search, rivalries: Sequence[_Rivalry]) -> list[str]:
     return list(dict.fromkeys(said))
 
 
-def _parting(found: Search, rivalry: _Rivalry) -> Iterator[tuple[Manoeuvre, float]]:
-    """The manoeuvres that settle a rivalry, the cheap first, and by how many standard deviations."""
+def _cheapest(found: Search, rivalry: _Rivalry) -> tuple[Manoeuvre, float] | None:
+    """The cheapest manoeuvre that settles a rivalry, and by how many standard deviations; None where none does."""
 
     def sigma(manoeuvre: Manoeuvre) -> float:
         data = _with(found, manoeuvre)
@@ -95,7 +96,8 @@ def _parting(found: Search, rivalry: _Rivalry) -> Iterator[tuple[Manoeuvre, floa
     for manoeuvre in MENU:
         more = float(np.sqrt(max(sigma(manoeuvre) ** 2 - ordinary**2, 0.0)))
         if more > _ENOUGH:
-            yield manoeuvre, more
+            return manoeuvre, more
+    return None
 
 
 def _exciting(found: Search, tried: Sequence[Candidate]) -> list[str]:
@@ -103,8 +105,8 @@ def _exciting(found: Search, tried: Sequence[Candidate]) -> list[str]:
     dull = [c for c in tried if c.id in found.snr and found.snr[c.id] < LEAST_SNR and not c.inferred]
     said = []
     for manoeuvre in MENU:
-        data = _with(found, manoeuvre)
-        of = {c.id: _shown(found, c, data) for c in dull}
+        at = _as_it_is(found, _with(found, manoeuvre))
+        of = {c.id: _shown(found, c, at) for c in dull}
         shown = sorted((name for name in of if of[name] >= LEAST_SNR), key=lambda name: -of[name])
         if shown:
             named = ", ".join(f"{name} ({of[name]:.0f} sigma)" for name in shown[:_MOST])
@@ -115,11 +117,15 @@ def _exciting(found: Search, tried: Sequence[Candidate]) -> list[str]:
     return said or [f"{EFFECTS[c.id].title}: {EFFECTS[c.id].manoeuvre}." for c in dullest]
 
 
-def _shown(found: Search, candidate: Candidate, data: FlightData) -> float:
-    """By how many standard deviations an effect of the usual size would stand out of a flight of the battery."""
+def _as_it_is(found: Search, data: FlightData) -> Fitted[Joint]:
+    """The battery on a flight that is as the battery says."""
     bare = Joint(found.base.lab, (data,))
     told = replace(data, voltage_v=np.asarray(bare.predicted(bare.unknowns.start[None, :], 0).voltage[0]))
-    at = fit(replace(bare, flights=(told,)), found.noise)
+    return fit(replace(bare, flights=(told,)), found.noise)
+
+
+def _shown(found: Search, candidate: Candidate, at: Fitted[Joint]) -> float:
+    """By how many standard deviations an effect of the usual size would stand out of a flight of the battery."""
     own = candidate.on([_usual(found)])
     return expected_snr(at, replace(at.joint, members=(own,)), own)
 

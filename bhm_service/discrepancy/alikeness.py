@@ -42,7 +42,7 @@ def as_alike(candidate: Candidate, alone: Fitted[Joint]) -> Candidate:
         volume = np.linalg.slogdet(posterior)[1] - np.linalg.slogdet(known)[1]
         return float(0.5 * score @ np.linalg.solve(posterior, score) - 0.5 * volume) - tried.price
 
-    tried = [candidate]
+    tried = []
     for shares in product(_SHARES, repeat=len(courses)):
         closer = dict(zip(courses, shares, strict=True))
         unknowns = tuple(u.closer(closer.get(k, 1.0)) for k, u in enumerate(candidate.unknowns))

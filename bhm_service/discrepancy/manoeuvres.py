@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bhm_service.discrepancy.flights import FlightData
+from bhm_service.discrepancy.flights import FlightData, usual_step_s
 from bhm_service.units import ZERO_CELSIUS_K, Array
 
 _COLD_K = ZERO_CELSIUS_K + 5.0
@@ -24,7 +24,7 @@ class Manoeuvre:
 
 
 def _extended(data: FlightData, seconds: float, current: float, before: bool) -> FlightData:
-    step = float(np.median(np.diff(data.time_s)))
+    step = usual_step_s([data])
     count = max(int(seconds / step), 2)
     more = np.full(count, current)
 
@@ -51,7 +51,7 @@ def _extended(data: FlightData, seconds: float, current: float, before: bool) ->
 
 def _steps(data: FlightData, _: float) -> FlightData:
     hover = float(np.mean(data.current_a[data.airborne])) if data.airborne.any() else float(data.current_a.max())
-    step = float(np.median(np.diff(data.time_s)))
+    step = usual_step_s([data])
     pulses = np.repeat([2.0 * hover, hover] * 3, max(round(_PULSE_S / step), 1))
     current = data.current_a.copy()
     first = int(np.argmax(data.airborne)) + round(_SETTLED_S / step)
