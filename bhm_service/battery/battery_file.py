@@ -45,6 +45,7 @@ class BatteryFile:
     name: str
     source: str = ""
     series: int | None = None  # of the pack that was identified; None for a cell that any pack may be built from
+    bench: bool = True  # a bench has seen that pack; flights alone leave its scales and where they began open
     circ: Circ | None = None
     chem: Chem | None = None
     joined: tuple[Joined, ...] = ()
@@ -163,6 +164,7 @@ def _schema() -> type[BaseModel]:
         "name": (str, ...),
         "source": (str, ""),
         "series": (Annotated[int | None, Field(ge=1, le=28)], None),
+        "bench": (bool, True),
         "circ": (circ | None, None),
         "chem": (chem | None, None),
         "effect": (tuple[union, ...], ()),
@@ -200,6 +202,7 @@ def checked_battery(tables: dict[str, Any], where: str) -> BatteryFile:
         name=given.name,
         source=given.source,
         series=given.series,
+        bench=given.bench,
         circ=circ,
         chem=chem,
         joined=tuple(joined),
@@ -245,6 +248,8 @@ def write_battery(path: Path, battery: BatteryFile) -> None:
     document["source"] = battery.source
     if battery.series is not None:
         document["series"] = battery.series
+    if not battery.bench:
+        document["bench"] = tomlkit.item(False).comment("identified from flights alone: its scales stay open")
     if battery.circ is not None:
         section = section_table(battery.circ, battery.sd.get("circ", {}))
         section["ocv"] = _ocv_table(battery.circ)

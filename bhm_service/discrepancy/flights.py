@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bhm_service.discrepancy.readings import of_a_part, without_spikes
 from bhm_service.discrepancy.sidecar import Notes
 from bhm_service.errors import BadInputError
 from bhm_service.mavlink.log import read_log
@@ -20,11 +21,8 @@ _LONGEST_GAP_S = 30.0  # over which a current is carried on
 _UNUSABLE_SHARE = 0.2  # of samples without current
 _GAUGE_LOW, _GAUGE_HIGH = 0.05, 0.97  # a gauge that says more than this at the start says "full"
 _TEMPERATURE_S = 60.0  # a pack's temperature does not move faster; one degree of rounding does
-_SPIKE_SHARE = 0.08  # of the voltage: no load makes a pack jump so far and back within a sample
-# Times what is usual, and of the voltage: a reading that stands so far alone, while the current does not, tells nothing
-# of the pack, and squared in a mean it would be all that is seen of its flight.
-_LONE, _LONE_SHARE = 25.0, 0.01
 _CELL_V = (2.3, 4.45)
+_PARTIAL = "{} of its {} voltages, at rest and below what it reads under load later: a cell was not connected"
 _CHARGED_V = 3.3  # of a cell that anybody takes off with
 _SHIFT_S = 0.5  # between the instants that a current is kept at beside its own
 SHIFTS_S = _SHIFT_S * np.arange(-7, 8)  # one beyond what a skew may be
@@ -133,7 +131,7 @@ def at_skew(skew_s: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class LeftOut:
-    """A recording that was not used, and why."""
+    """A recording that was not used, or part of one, and why."""
 
     label: str
     because: str
@@ -186,17 +184,18 @@ def _flights(
         # The voltage of the sidecar was taken after the log's last landing.
         own = notes if (low, high) == parts[-1] else replace(notes, rest_voltage_v=None)
         data, why = _flight(recording, low, high, label, own, capacity_c)
-        if data is None:
-            without.append(LeftOut(label, why))
-        else:
+        if data is not None:
             _consistent(data, path.name)
             found.append(data)
+        if why:
+            without.append(LeftOut(label, why))
     return found, without
 
 
 def _flight(
     recording: Recording, low: int, high: int, label: str, notes: Notes, capacity_c: float
 ) -> tuple[FlightData | None, str]:
+    """A flight, and what was left out and why: all of it where there is none."""
     part = slice(low, high)
     time_s, current = recording.time_s[part], recording.current_a[part]
     if time_s[-1] - time_s[0] < _SHORTEST_S:
@@ -208,7 +207,10 @@ def _flight(
     usual = float(np.median(np.diff(time_s)))
     if gap > max(_LONGEST_GAP_S, 15.0 * usual):
         return None, f"its current is not known for {gap:.0f} s"
-    if not np.isfinite(recording.voltage_v[part]).sum() > 20:
+    volts = without_spikes(recording.voltage_v[part], current)
+    partial = of_a_part(volts, current)
+    volts[partial] = np.nan
+    if not np.isfinite(volts).sum() > 20:
         return None, "has no measured voltage"
     used = float(np.ptp(np.concatenate([[0.0], np.cumsum(np.interp(time_s[1:], time_s[known], current[known])
                                                          * np.diff(time_s))])))  # fmt: skip
@@ -222,7 +224,7 @@ def _flight(
             label=label,
             time_s=time_s - time_s[0],
             current_a=np.interp(time_s, time_s[known], current[known]),
-            voltage_v=_without_spikes(recording.voltage_v[part], current),
+            voltage_v=volts,
             temperature_k=_smooth(time_s, recording.temperature_k[part]),
             airborne=airborne[part],
             altitude_m=recording.relative_altitude_m[part],
@@ -236,7 +238,7 @@ def _flight(
             reading=_reading(recording.remaining[part]),
             notes=notes,
         ),
-        "",
+        _PARTIAL.format(int(partial.sum()), volts.size) if partial.any() else "",
     )
 
 
@@ -266,31 +268,6 @@ def _smooth(time_s: Array, kelvin: Array) -> Array | None:
             level = keep * level + (1.0 - keep) * float(run[k])
             run[k] = level
     return smooth
-
-
-def _without_spikes(voltage: Array, current: Array) -> Array:
-    """Single readings that jump away and back are no measurements: further than any load does, or than the sensor's
-    noise and with no load that does.
-    """
-    clean = voltage.copy()
-    if clean.size < 3:
-        return clean
-    away, moved = _away(clean), _away(current)
-    usual = np.nanmedian(clean)
-    alone = (away > max(_LONE * _scatter(away), _LONE_SHARE * usual)) & (moved <= _LONE * _scatter(moved))
-    clean[1:-1][(away > _SPIKE_SHARE * usual) | alone] = np.nan
-    return clean
-
-
-def _away(series: Array) -> Array:
-    """How far each sample inside a series is from both its neighbours, beyond what they are from each other."""
-    middle = 0.5 * (series[:-2] + series[2:])
-    return np.asarray(np.abs(series[1:-1] - middle) - np.abs(series[2:] - series[:-2]))
-
-
-def _scatter(away: Array) -> float:
-    """The size of what is usual."""
-    return float(np.nanmedian(np.abs(away)))
 
 
 def _consistent(data: FlightData, name: str) -> None:

@@ -76,7 +76,7 @@ class Lab:
     bend_sd_v: float
     ohmic_share: float  # of ``ohm``: what follows the current within two seconds
     voltage_error_v: float  # lasting error of the cell's voltage
-    identified: bool  # this very pack, not a cell like its own
+    identified: bool  # this very pack, on a bench; not a cell like its own, nor from flights that left its scales open
     drop_sd: float  # of ``ohm``: how far the drop may be off at any charge and any time after a step
     widening: Mapping[float, float] = field(default_factory=dict)  # times that, by relaxation
     left_open: LeftOpen | None = None  # the errors of form that the lab's own recordings show
@@ -268,7 +268,7 @@ def lab_of(battery: BatteryFile, model: ModelName, series: int | None, capacity_
     own = float(np.asarray(cell.capacity_c))
     parallel = 1.0 if battery.series is not None or capacity_c is None else capacity_c / own
     said = battery.uncertainty
-    identified = battery.series is not None
+    identified = battery.series is not None and battery.bench
     left_open = battery.left_open.get(model) if identified else None
     if left_open is not None and [(name, len(own)) for name, own in left_open.mean.items()] != list(FORM.items()):
         raise BadInputError(

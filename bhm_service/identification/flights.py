@@ -216,6 +216,7 @@ def _battery(request: Request, known: BatteryFile, results: Sequence[ModelResult
         name=request.name,
         source=f"{request.source}; began from {known.name}",
         series=request.series,
+        bench=False,
         circ=circ,
         chem=chem,
         uncertainty=Uncertainty(

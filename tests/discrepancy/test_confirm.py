@@ -6,10 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from discrepancy.flown import four, searching
+from discrepancy.flown import flown, four, searching
 from discrepancy.unrecorded import days, warmed
 
+from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.confirm import Unseen, harmful, held_out
+from bhm_service.discrepancy.sidecar import Notes
 
 FADE = frozenset({"capacity-fade"})
 FLIGHTS = four("capacity-fade", seed=3)
@@ -18,7 +20,8 @@ FLIGHTS = four("capacity-fade", seed=3)
 def changed_later(flight, volts):
     """The same flight until a quarter of it, another after it, and another rested voltage."""
     voltage = flight.voltage_v.copy()
-    voltage[int(np.ceil(0.25 * voltage.size)) :] -= volts
+    ground = int(np.argmax(flight.airborne))
+    voltage[ground + int(np.ceil(0.25 * (voltage.size - ground))) :] -= volts
     rested = replace(flight.notes, rest_voltage_v=flight.notes.rest_voltage_v - volts)
     return replace(flight, voltage_v=voltage, notes=rested)
 
@@ -37,7 +40,9 @@ def test_the_effect_is_confirmed_on_every_flight(proof):
 
 def test_only_what_was_not_seen_is_scored(proof):
     flight = proof.flights[0]
-    assert flight.begin == int(np.ceil(0.25 * flight.after_v.size))
+    ground = int(np.argmax(FLIGHTS[0].airborne))
+    assert ground > 0
+    assert flight.begin == ground + int(np.ceil(0.25 * (flight.after_v.size - ground)))
     spoilt = flight.after_v.copy()
     spoilt[: flight.begin] += 10.0
     assert flight.rmse(spoilt) == flight.rmse(flight.after_v)
@@ -64,6 +69,22 @@ def test_nor_does_it_where_nobody_recorded_what_drives_the_effect():
     )
     assert np.abs(now[0].after_v - was[0].after_v).max() < 0.001 * 0.3
     assert np.abs(now[1].after_v - was[1].after_v).max() > 0.001
+
+
+def test_the_one_worn_pack_among_new_ones_shows_in_its_own_first_quarter():
+    """Nothing of it is in the other flights: what they leave of its wear is what was known before."""
+    growth = frozenset({"resistance-growth"})
+    ages, true = (1.0, 2.0, 3.0, 300.0), 1.2
+    flights = [
+        replace(
+            flown([EFFECTS["resistance-growth"](growth=true, age=age / ages[-1])], seed=5, number=k),
+            notes=Notes(cycles=age),
+        )
+        for k, age in enumerate(ages)
+    ]
+    worn = held_out(Unseen(searching(flights, growth)), growth).flights[-1]
+    assert worn.rmse(worn.before_v) > 0.1
+    assert worn.rmse(worn.after_v) < 0.2 * worn.rmse(worn.before_v)
 
 
 def test_two_flights_are_too_few_to_hold_one_out():

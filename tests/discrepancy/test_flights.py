@@ -107,6 +107,35 @@ def test_a_lone_reading_is_no_measurement_where_the_current_is_as_before(read):
     assert np.flatnonzero(np.isnan(flight.voltage_v)).tolist() == [80]
 
 
+def without_a_cell(rows, where):
+    """The same table with a cell left out of the voltage for some samples."""
+    volts = rows["V"].copy()
+    volts[where] *= 5.0 / 6.0
+    return rows | {"V": volts}
+
+
+def test_what_a_pack_cannot_rest_at_before_it_flies_is_left_out_and_counted(read):
+    """A FPV pack read 11.3 V on the ground and 14.5 V under 20 A a minute later (karl_fpv, flight 31)."""
+    (flight,), left_out = read(without_a_cell(columns(), slice(0, 30)))
+    assert np.flatnonzero(np.isnan(flight.voltage_v)).tolist() == list(range(30))
+    assert np.isfinite(flight.current_a).all()
+    assert [(r.label, r.because) for r in left_out] == [
+        ("0.csv", "30 of its 240 voltages, at rest and below what it reads under load later: a cell was not connected")
+    ]
+
+
+def test_a_voltage_that_falls_under_load_or_stays_down_is_the_packs(read):
+    """A contact that opens in flight, and a cell that is lost for good, are for the analysis to find."""
+    for where in (slice(80, 120), slice(150, None)):
+        rows = without_a_cell(columns(), where)
+        (flight,), left_out = read(rows)
+        assert not left_out
+        # The first reading of a jump stands alone.
+        known = np.isfinite(flight.voltage_v)
+        assert known.mean() > 0.99
+        np.testing.assert_allclose(flight.voltage_v[known], rows["V"][known], atol=1e-3)
+
+
 def test_temperature_in_whole_degrees_is_smoothed_without_delay(read):
     t = columns(900.0)["t_s"]
     true = 15.0 + 15.0 * (1.0 - np.exp(-t / 400.0))

@@ -13,6 +13,7 @@ from bhm_service.battery.battery_file import BatteryFile, read_battery, write_ba
 from bhm_service.battery.circ import Circ
 from bhm_service.battery.ocv import MonotoneSpline
 from bhm_service.battery.pack import PackModel
+from bhm_service.discrepancy.lab import lab_of
 from bhm_service.errors import BadInputError
 from bhm_service.identification.experiment import Experiment, Kind
 from bhm_service.identification.flight_log import read_flights
@@ -114,6 +115,8 @@ def test_the_written_file_reads_back_and_says_how_little_is_known(generic: Batte
     write_battery(tmp_path / "mine.toml", found)
     again = read_battery(tmp_path / "mine.toml")
     assert again.series == 6
+    assert not again.bench
+    assert not lab_of(again, "circ", None, None).identified
     assert again.circ is not None
     assert again.chem is not None
     assert again.uncertainty.capacity == pytest.approx(found.uncertainty.capacity, rel=1e-6)
