@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.fitting import Fitted, fit
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.joint import Joint
@@ -137,9 +138,15 @@ def _unseen_from(data: FlightData) -> int:
 def _predicted(found: Search, names: Names, left: int) -> Array:
     whole = found.fitted(names)
     others = [k for k in range(len(found.base.flights)) if k != left]
-    rest = subset(whole.joint, others)
+    joint = replace(whole.joint, members=tuple(_without(found, m, left) for m in whole.joint.members))
+    rest = subset(joint, others)
     learnt = _settled(fit(rest, found.noise, restricted(whole, rest, others), rounds=8))
-    return predicted_from_quarter(whole.joint, learnt, left, found.noise)
+    return predicted_from_quarter(joint, learnt, left, found.noise)
+
+
+def _without(found: Search, member: Candidate, left: int) -> Candidate:
+    """A member with flights expected as far apart as the others say."""
+    return found.spreads[member.id].told(left) if member.id in found.spreads else member
 
 
 def _settled(learnt: Fitted) -> Fitted:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from bhm_service.discrepancy.alikeness import as_alike
+from bhm_service.discrepancy.alikeness import FlightSpread
 from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.fitting import Fitted, ProblemT, cost_of, fit, one_step
 from bhm_service.discrepancy.joint import Joint
@@ -70,6 +70,7 @@ class Search:
     noise: Noise
     snr: dict[str, float] = field(default_factory=dict)  # expected of each candidate at its usual size
     fits: dict[Names, Fitted] = field(default_factory=dict)
+    spreads: Mapping[str, FlightSpread] = field(default_factory=dict)  # of candidates that the flights told of
     _joints: dict[Names, Joint] = field(default_factory=dict, init=False)
     _added: dict[Names, Array] = field(default_factory=dict, init=False)
     _alone: dict[Names, Array] = field(default_factory=dict, init=False)
@@ -302,12 +303,14 @@ def search(base: Joint, candidates: Sequence[Candidate], progress: Progress = la
     steps = episodes(best)
     contacts = [contact_candidate(steps, len(base.flights))] if steps else []
     largest = frozenset(member.id for member in best.joint.members)
-    everything = (*(_as_spread(found, _begun(found, c, largest)) for c in found.candidates), *contacts)
+    begun_ = [_begun(found, c, largest) for c in found.candidates]
+    spreads = {c.id: FlightSpread(c, own) for c in begun_ if (own := found.fits.get(frozenset({c.id}))) is not None}
+    everything = (*(spreads[c.id].told() if c.id in spreads else c for c in begun_), *contacts)
     noise = saturated_noise(best, everything)
     progress("sets of effects")
     # An effect that is part of the answer is in the fit already; what is still pulled is the model's own error.
     wider = replace(base, lab=base.lab.widened(lambda name: best.joint.pulled(name, best.x)))
-    again = Search(wider, everything, noise, found.snr)
+    again = Search(wider, everything, noise, found.snr, spreads=spreads)
     again.fitted(frozenset(), found.fits[frozenset()])
     # Sets grow one by one again: with their members' onsets and spreads known, others may be the best.
     for names in [names for names in found.ranked() if len(names) == 1][: 2 * _WIDTH]:
@@ -352,15 +355,6 @@ def _begun(found: Search, candidate: Candidate, largest: Names) -> Candidate:
         return _linear_gain(at, replace(at.joint, members=(*at.joint.members, tried)), tried)
 
     return begun(candidate, len(found.base.flights), gain, NATS)
-
-
-def _as_spread(found: Search, candidate: Candidate) -> Candidate:
-    alone = found.fits.get(frozenset({candidate.id}))
-    if alone is None:
-        return candidate
-    if candidate.inferred:
-        return as_alike(candidate, alone)
-    return candidate.as_spread({name: rows[0] for name, rows in alone.joint.values(alone.x[None, :]).items()})
 
 
 def _grow(found: Search, depth: int, progress: Progress) -> None:

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from discrepancy.flown import base, catalogue, noise_model
+from discrepancy.flown import base, catalogue, flown, noise_model
 from discrepancy.unrecorded import days, warmed
 
-from bhm_service.discrepancy.alikeness import as_alike
+from bhm_service.battery.effects import EFFECTS
+from bhm_service.discrepancy.alikeness import FlightSpread, as_alike
 from bhm_service.discrepancy.fitting import fit
 from bhm_service.discrepancy.joint import Joint
 
@@ -70,3 +71,29 @@ def test_what_is_recorded_is_expected_as_declared():
     flights = tuple(replace(f, temperature_k=np.full(f.time_s.size, 290.0 + k)) for k, f in enumerate(warmed(ROOM)))
     candidate, at = alone(flights)
     assert as_alike(candidate, at) is candidate
+
+
+@pytest.mark.parametrize("ambients", [ROOM, SEASONS], ids=["one room", "days"])
+def test_without_a_flight_it_is_as_the_others_by_themselves_say(ambients):
+    """One flight is of a hot day: it alone would have all flights lie far apart."""
+    hot = np.append(ambients, 312.0)
+    candidate, at = alone(warmed(hot))
+    _, of_others = alone(warmed(hot)[:-1])
+    seen, unseen = (apart(as_alike(candidate, at, left)) for left in (None, hot.size - 1))
+    expected = apart(as_alike(candidate, of_others))
+    np.testing.assert_allclose(np.log(unseen), np.log(expected), atol=0.47)  # one of the steps that are tried
+    assert ambients is SEASONS or max(unseen) < 0.6 * max(seen)
+
+
+def test_sizes_of_single_flights_are_expected_without_the_one_that_is_unseen():
+    deficits = (0.01, 0.02, 0.015, 0.07)
+    physics = [[EFFECTS["partial-charge"](deficit=own)] for own in deficits]
+    flights = tuple(flown(own, seed=2, number=k) for k, own in enumerate(physics))
+    (candidate,) = catalogue(flights, only={"partial-charge"})
+    at = fit(Joint(base(flights).lab, flights, (candidate,)), noise_model())
+    spread = FlightSpread(candidate, at)
+
+    def sd(told):
+        return told.amplitudes()[0].prior[1]
+
+    assert sd(spread.told(int(np.argmax(deficits)))) < 0.7 * sd(spread.told())
