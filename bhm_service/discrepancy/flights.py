@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bhm_service.discrepancy.readings import of_a_part, without_spikes
+from bhm_service.discrepancy.readings import before_unseen_landing, of_a_part, without_spikes
 from bhm_service.discrepancy.sidecar import Notes
 from bhm_service.errors import BadInputError
 from bhm_service.mavlink.log import read_log
@@ -23,6 +23,7 @@ _GAUGE_LOW, _GAUGE_HIGH = 0.05, 0.97  # a gauge that says more than this at the 
 _TEMPERATURE_S = 60.0  # a pack's temperature does not move faster; one degree of rounding does
 _CELL_V = (2.3, 4.45)
 _PARTIAL = "{} of its {} voltages, at rest and below what it reads under load later: a cell was not connected"
+_UNSEEN = "its last {:.0f} s: the load ended within {:.0f} s of which nothing is recorded"
 _CHARGED_V = 3.3  # of a cell that anybody takes off with
 _SHIFT_S = 0.5  # between the instants that a current is kept at beside its own
 SHIFTS_S = _SHIFT_S * np.arange(-7, 8)  # one beyond what a skew may be
@@ -219,27 +220,31 @@ def _flight(
     airborne = np.zeros(recording.time_s.size, dtype=bool)
     for flight in recording.flights:
         airborne[flight.begin : flight.end] = True
-    return (
-        FlightData(
-            label=label,
-            time_s=time_s - time_s[0],
-            current_a=np.interp(time_s, time_s[known], current[known]),
-            voltage_v=volts,
-            temperature_k=_smooth(time_s, recording.temperature_k[part]),
-            airborne=airborne[part],
-            altitude_m=recording.relative_altitude_m[part],
-            climb_mps=recording.climb_mps[part],
-            speed_mps=np.where(
-                np.isfinite(recording.air_speed_mps[part]),
-                recording.air_speed_mps[part],
-                recording.ground_speed_mps[part],
-            ),
-            pressure_pa=recording.pressure_pa[part],
-            reading=_reading(recording.remaining[part]),
-            notes=notes,
+    data = FlightData(
+        label=label,
+        time_s=time_s - time_s[0],
+        current_a=np.interp(time_s, time_s[known], current[known]),
+        voltage_v=volts,
+        temperature_k=_smooth(time_s, recording.temperature_k[part]),
+        airborne=airborne[part],
+        altitude_m=recording.relative_altitude_m[part],
+        climb_mps=recording.climb_mps[part],
+        speed_mps=np.where(
+            np.isfinite(recording.air_speed_mps[part]), recording.air_speed_mps[part], recording.ground_speed_mps[part]
         ),
-        _PARTIAL.format(int(partial.sum()), volts.size) if partial.any() else "",
+        pressure_pa=recording.pressure_pa[part],
+        reading=_reading(recording.remaining[part]),
+        notes=notes,
     )
+    without = [_PARTIAL.format(int(partial.sum()), volts.size)] if partial.any() else []
+    seen = before_unseen_landing(time_s[known], current[known])
+    if seen < known.sum():
+        ended_s, next_s = time_s[known][seen - 1 : seen + 1]
+        without.append(_UNSEEN.format(time_s[-1] - ended_s, next_s - ended_s))
+        # The voltage rested afterwards is of a charge that nobody knows.
+        data = replace(data.part(slice(0, int(np.flatnonzero(known)[seen - 1]) + 1)),
+                       notes=replace(notes, rest_voltage_v=None))  # fmt: skip
+    return data, "; ".join(without)
 
 
 def _reading(remaining: Array) -> float | None:

@@ -1,4 +1,6 @@
-"""Which readings of a voltage are of the pack: not those that jump away and back, nor those of a part of it."""
+"""Which readings are of the pack: not voltages that jump away and back, those of a part of it, or after a load that
+came to an end while nothing was recorded.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +18,7 @@ _BUSY = 0.75  # of a recording's samples have less current than its usual load
 _LOADED, _IDLE = 0.5, 0.1
 _ABOVE = 0.95  # of a later voltage under load: less is not what a pack rests at
 _LASTS = 5  # samples of which the middle one counts
+_GAP_S, _GAP = 5.0, 3.0  # between samples, and times what is usual: a load may have ended anywhere in it
 
 
 def without_spikes(voltage: Array, current: Array) -> Array:
@@ -38,13 +41,31 @@ def of_a_part(voltage: Array, current: Array) -> Flags:
     A discharge takes a pack's voltage down and never up, so what it reads under load it rests above before.
     """
     flown = np.nan_to_num(current)
-    load = float(np.quantile(flown, _BUSY))
+    load = _load(flown)
     busy = np.flatnonzero((flown > _LOADED * load) & np.isfinite(voltage))
     if busy.size == 0:
         return np.zeros(voltage.size, dtype=bool)
     highest = np.maximum.accumulate(median_filter(voltage[busy], _LASTS)[::-1])[::-1]
     later = np.append(highest, -np.inf)[np.searchsorted(busy, np.arange(voltage.size))]
     return np.asarray((flown < _IDLE * load) & (voltage < _ABOVE * later))
+
+
+def before_unseen_landing(time_s: Array, current: Array) -> int:
+    """Samples until a gap in which the load ended for good; all of them where it was seen to end, or did not.
+
+    Half of such a gap's charge may have been taken or not, and what relaxes after it began to at no known time.
+    """
+    idle = current < _IDLE * _load(current)
+    flown = np.flatnonzero(current > _LOADED * _load(current))
+    apart = np.diff(time_s)
+    last = int(flown[-1]) if flown.size else current.size - 1
+    rests = last + 1 < current.size and bool(idle[last + 1])
+    unseen = rests and apart[last] > max(_GAP_S, _GAP * float(np.median(apart)))
+    return last + 1 if unseen else current.size
+
+
+def _load(current: Array) -> float:
+    return float(np.quantile(current, _BUSY))
 
 
 def _away(series: Array) -> Array:

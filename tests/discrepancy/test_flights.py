@@ -136,6 +136,33 @@ def test_a_voltage_that_falls_under_load_or_stays_down_is_the_packs(read):
         np.testing.assert_allclose(flight.voltage_v[known], rows["V"][known], atol=1e-3)
 
 
+def without_rows(rows, low, high):
+    """A table that lacks what was recorded from ``low`` to before ``high`` seconds."""
+    kept = (rows["t_s"] < low) | (rows["t_s"] >= high)
+    return {name: values[kept] for name, values in rows.items()}
+
+
+def test_what_follows_a_landing_that_nobody_saw_is_left_out_and_counted(read):
+    """The load of columns() ends at 209 s: whether it took 15 A for 10 s or for 20 of a gap, the log does not say."""
+    rested = {"0.csv": Notes(rest_voltage_v=23.0, rest_s=1200.0)}
+    (flight,), left_out = read(without_rows(columns(), 200, 220), notes=rested)
+    assert flight.time_s[-1] == 199.0
+    assert flight.airborne[-1]
+    assert flight.notes.rest_voltage_v is None
+    assert [(r.label, r.because) for r in left_out] == [
+        ("0.csv", "its last 40 s: the load ended within 21 s of which nothing is recorded")
+    ]
+
+
+@pytest.mark.parametrize("gap", [(100, 120), (20, 40), (207, 211), (215, 235), (200, 240)],
+                         ids=["in the air", "take-off", "short", "after it", "and nothing more"])  # fmt: skip
+def test_other_gaps_leave_a_flight_as_long_as_it_was(read, gap):
+    rows = without_rows(columns(), *gap)
+    (flight,), left_out = read(rows)
+    assert not left_out
+    assert flight.time_s.size == rows["t_s"].size
+
+
 def test_temperature_in_whole_degrees_is_smoothed_without_delay(read):
     t = columns(900.0)["t_s"]
     true = 15.0 + 15.0 * (1.0 - np.exp(-t / 400.0))
