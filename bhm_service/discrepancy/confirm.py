@@ -1,8 +1,8 @@
 """Does an explanation hold on flights that no fit saw? Each flight is left out in turn.
 
 What all flights share comes from the others; the flight's own start, what differs from flight to flight, and what the
-others cannot tell since it shows in this flight only (the one worn pack among new ones), from its first quarter in the
-air; the rest of it is predicted.
+others cannot tell since it shows in this flight only (the one worn pack among new ones), from its first quarter; the
+rest of it is predicted.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from bhm_service.discrepancy.noise import Noise
 from bhm_service.discrepancy.search import NATS, Names, Search
 from bhm_service.units import Array
 
-_SEEN = 0.25  # of a flight's samples from take-off on: on the ground a pack shows little but its charge
+_SEEN = 0.25  # of a flight's samples
+_GROUND = 0.5  # of those: more of it on the ground shows little of a pack, and the quarter begins at take-off
 _UNTOLD = 0.7  # of what was known before: flights that leave a number no better known do not tell it
 _FEWEST = 3  # flights
 _NO_WORSE = 1.005  # times the error of the battery as it is, on unseen flights
@@ -131,8 +132,10 @@ def held_out(unseen: Unseen, names: Names) -> HeldOut | None:
 
 def _unseen_from(data: FlightData) -> int:
     """First sample of a flight that is not seen before it is predicted."""
+    size = data.time_s.size
     takeoff = int(np.argmax(data.airborne)) if data.airborne.any() else 0
-    return takeoff + int(np.ceil(_SEEN * (data.time_s.size - takeoff)))
+    begin = takeoff if takeoff > _GROUND * _SEEN * size else 0
+    return begin + int(np.ceil(_SEEN * (size - begin)))
 
 
 def _predicted(found: Search, names: Names, left: int) -> Array:

@@ -8,7 +8,7 @@ from discrepancy.flown import base, catalogue, flown, noise_model
 from discrepancy.unrecorded import days, warmed
 
 from bhm_service.battery.effects import EFFECTS
-from bhm_service.discrepancy.alikeness import FlightSpread, as_alike
+from bhm_service.discrepancy.alikeness import FlightSpread
 from bhm_service.discrepancy.fitting import fit
 from bhm_service.discrepancy.joint import Joint
 
@@ -39,7 +39,7 @@ def room():
 
 def test_packs_from_one_room_are_expected_as_alike_as_they_are(room):
     candidate, at = room
-    alike = as_alike(candidate, at)
+    alike = FlightSpread(candidate, at).told()
     assert max(apart(alike)) < 0.3 * min(apart(candidate))
     fits = [fitted_with(c, at) for c in (candidate, alike)]
     plain, paid = (f.evidence(1.0) - c.price for c, f in zip((candidate, alike), fits, strict=True))
@@ -48,7 +48,7 @@ def test_packs_from_one_room_are_expected_as_alike_as_they_are(room):
 
 def test_days_that_differ_stay_as_far_apart_as_days_do():
     candidate, at = alone(warmed(SEASONS))
-    ambient, above = apart(as_alike(candidate, at))
+    ambient, above = apart(FlightSpread(candidate, at).told())
     assert ambient > 0.5 * np.std(SEASONS)
     assert above <= apart(candidate)[1]
 
@@ -70,7 +70,7 @@ def test_what_it_chooses_is_what_fits_of_the_choices_say(room):
 def test_what_is_recorded_is_expected_as_declared():
     flights = tuple(replace(f, temperature_k=np.full(f.time_s.size, 290.0 + k)) for k, f in enumerate(warmed(ROOM)))
     candidate, at = alone(flights)
-    assert as_alike(candidate, at) is candidate
+    assert FlightSpread(candidate, at).told() is candidate
 
 
 @pytest.mark.parametrize("ambients", [ROOM, SEASONS], ids=["one room", "days"])
@@ -79,8 +79,8 @@ def test_without_a_flight_it_is_as_the_others_by_themselves_say(ambients):
     hot = np.append(ambients, 312.0)
     candidate, at = alone(warmed(hot))
     _, of_others = alone(warmed(hot)[:-1])
-    seen, unseen = (apart(as_alike(candidate, at, left)) for left in (None, hot.size - 1))
-    expected = apart(as_alike(candidate, of_others))
+    seen, unseen = (apart(FlightSpread(candidate, at).told(left)) for left in (None, hot.size - 1))
+    expected = apart(FlightSpread(candidate, of_others).told())
     np.testing.assert_allclose(np.log(unseen), np.log(expected), atol=0.47)  # one of the steps that are tried
     assert ambients is SEASONS or max(unseen) < 0.6 * max(seen)
 
