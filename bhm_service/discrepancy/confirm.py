@@ -20,7 +20,6 @@ from bhm_service.discrepancy.search import NATS, Names, Search
 from bhm_service.units import Array
 
 _SEEN = 0.25  # of a flight's samples
-_GROUND = 0.5  # of those: more of it on the ground shows little of a pack, and the quarter begins at take-off
 _UNTOLD = 0.7  # of what was known before: flights that leave a number no better known do not tell it
 _FEWEST = 3  # flights
 _NO_WORSE = 1.005  # times the error of the battery as it is, on unseen flights
@@ -131,11 +130,15 @@ def held_out(unseen: Unseen, names: Names) -> HeldOut | None:
 
 
 def _unseen_from(data: FlightData) -> int:
-    """First sample of a flight that is not seen before it is predicted."""
+    """First sample of a flight that is not seen before it is predicted.
+
+    A pack that spends a quarter of the recording on the ground has shown little but its charge: then it is a quarter of
+    what follows the take-off.
+    """
     size = data.time_s.size
     takeoff = int(np.argmax(data.airborne)) if data.airborne.any() else 0
-    begin = takeoff if takeoff > _GROUND * _SEEN * size else 0
-    return begin + int(np.ceil(_SEEN * (size - begin)))
+    quarter = int(np.ceil(_SEEN * size))
+    return quarter if takeoff < quarter else takeoff + int(np.ceil(_SEEN * (size - takeoff)))
 
 
 def _predicted(found: Search, names: Names, left: int) -> Array:

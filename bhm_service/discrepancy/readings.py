@@ -18,7 +18,9 @@ _BUSY = 0.75  # of a recording's samples have less current than its usual load
 _LOADED, _IDLE = 0.5, 0.1
 _ABOVE = 0.95  # of a later voltage under load: less is not what a pack rests at
 _LASTS = 5  # samples of which the middle one counts
-_GAP_S, _GAP = 5.0, 3.0  # between samples, and times what is usual: a load may have ended anywhere in it
+# Between samples, and times what nineteen in twenty are within, which in a log that is written on change is far beyond
+# the usual: a load may have ended anywhere in it.
+_GAP_S, _GAP, _ORDINARY = 5.0, 3.0, 0.95
 
 
 def without_spikes(voltage: Array, current: Array) -> Array:
@@ -60,7 +62,7 @@ def before_unseen_landing(time_s: Array, current: Array) -> int:
     apart = np.diff(time_s)
     last = int(flown[-1]) if flown.size else current.size - 1
     rests = last + 1 < current.size and bool(idle[last + 1])
-    unseen = rests and apart[last] > max(_GAP_S, _GAP * float(np.median(apart)))
+    unseen = rests and apart[last] > max(_GAP_S, _GAP * float(np.quantile(apart, _ORDINARY)))
     return last + 1 if unseen else current.size
 
 
