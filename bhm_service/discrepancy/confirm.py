@@ -1,8 +1,7 @@
 """Does an explanation hold on flights that no fit saw? Each flight is left out in turn.
 
-What all flights share comes from the others; the flight's own start, what differs from flight to flight, and what the
-others cannot tell since it shows in this flight only (the one worn pack among new ones), from its first quarter; the
-rest of it is predicted.
+What all flights share comes from the others; the flight's own start, what differs from flight to flight, and the size
+of what shows in no other (the one worn pack among new ones), from its first quarter; the rest of it is predicted.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from bhm_service.discrepancy.search import NATS, Names, Search
 from bhm_service.units import Array
 
 _SEEN = 0.25  # of a flight's samples
-_UNTOLD = 0.7  # of what was known before: flights that leave a number no better known do not tell it
+_UNTOLD = 0.7  # of what was known before: flights that leave a size no better known do not tell it
 _FEWEST = 3  # flights
 _NO_WORSE = 1.005  # times the error of the battery as it is, on unseen flights
 _FAINT = 3.0  # times what a member has to earn
@@ -202,10 +201,10 @@ def predicted_from_quarter(joint: Joint, learnt: Fitted | None, index: int, nois
 
 
 def _untold(learnt: Fitted) -> list[str]:
-    """What the members have that is the same in all flights, and that the flights of this fit do not tell."""
-    shared = [u.name for member in learnt.joint.members for u in member.unknowns if not u.per_flight]
-    scale = {name: learnt.joint.scale[learnt.joint.places[name]] for name in shared}
-    return [name for name in shared if np.all(learnt.sd(name) > _UNTOLD * scale[name])]
+    """The members' sizes, the same in all flights, that the flights of this fit do not tell."""
+    sd = np.sqrt(np.diag(learnt.covariance)) / learnt.joint.scale
+    shared = [u.name for member in learnt.joint.members for u in member.amplitudes() if not u.per_flight]
+    return [name for name in shared if np.all(sd[learnt.joint.places[name]] > _UNTOLD)]
 
 
 def _put(flights: tuple[FlightData, ...], index: int, data: FlightData) -> tuple[FlightData, ...]:

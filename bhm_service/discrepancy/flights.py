@@ -22,9 +22,9 @@ _UNUSABLE_SHARE = 0.2  # of samples without current
 _GAUGE_LOW, _GAUGE_HIGH = 0.05, 0.97  # a gauge that says more than this at the start says "full"
 _TEMPERATURE_S = 60.0  # a pack's temperature does not move faster; one degree of rounding does
 _CELL_V = (2.3, 4.45)
+_CHARGED_V = 3.3  # of a cell that anybody takes off with
 _PARTIAL = "{} of its {} voltages, at rest and below what it reads under load later: a cell was not connected"
 _UNSEEN = "its last {:.0f} s: the load ended within {:.0f} s of which nothing is recorded"
-_CHARGED_V = 3.3  # of a cell that anybody takes off with
 _SHIFT_S = 0.5  # between the instants that a current is kept at beside its own
 SHIFTS_S = _SHIFT_S * np.arange(-7, 8)  # one beyond what a skew may be
 

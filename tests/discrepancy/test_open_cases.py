@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import pytest
+from discrepancy.commanded import bhm
 
 from bhm_service.battery.battery_file import MODELS, read_battery
-from bhm_service.cli import main
 from bhm_service.discrepancy.findings import read_findings
 
 CASES = Path(__file__).resolve().parents[3] / "shared" / "cases"
@@ -19,17 +18,6 @@ AT_ONCE = ("null", "fade", "connector")
 LONG = ("cold-seen", "cold-hidden", "partial-charge", "unseen-load", "contact-and-cold")  # in `make proofs`
 NAMES = [*AT_ONCE, *(pytest.param(name, marks=pytest.mark.long) for name in LONG)]
 pytestmark = pytest.mark.skipif(not CASES.is_dir(), reason="../shared/cases is absent")
-
-
-def bhm(*words):
-    """Run a command in this process; it has to succeed."""
-    before, sys.argv = sys.argv, ["bhm", *map(str, words)]
-    try:
-        main()
-    except SystemExit as ended:
-        assert not ended.code, words
-    finally:
-        sys.argv = before
 
 
 @pytest.fixture(scope="session")

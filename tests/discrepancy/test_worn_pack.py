@@ -3,25 +3,12 @@
 from __future__ import annotations
 
 import json
-import sys
 
 import pytest
-
-from bhm_service.cli import main
+from discrepancy.commanded import bhm
 
 NEW, WORN = ("flight_29.csv", "flight_32.csv"), "flight_31.csv"
 CYCLES = {NEW[0]: 2, WORN: 200, NEW[1]: 3}
-
-
-def bhm(*words):
-    """Run a command in this process; it has to succeed."""
-    before, sys.argv = sys.argv, ["bhm", *map(str, words)]
-    try:
-        main()
-    except SystemExit as ended:
-        assert not ended.code, words
-    finally:
-        sys.argv = before
 
 
 @pytest.fixture(scope="module")
