@@ -113,7 +113,7 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
         held_out=proof,
         maps=regime_maps(off, over),
         contests=decision.contests,
-        not_excited=(*missing, *_not_excited(found, tried)),
+        not_excited=(*missing, *_not_excited(found, tried, chosen.names)),
         flying=flying(fitted.joint, fitted),
         sentence=sentence(findings, len(flights), moved_of(fitted), told=bool(request.told), left=described),
         in_words=[
@@ -130,12 +130,12 @@ def _tried(lab: Lab, flights: Sequence[FlightData]) -> tuple[list[Candidate], li
     return candidates(flights, lab.model, energy_wh, lab.identified, joined, lab.capacity_c, lab.series)
 
 
-def _not_excited(found: Search, tried: Sequence[Candidate]) -> list[NotExcited]:
-    """Which of the candidates these flights cannot show, and why."""
+def _not_excited(found: Search, tried: Sequence[Candidate], chosen: Names) -> list[NotExcited]:
+    """Which of the candidates these flights cannot show at their usual size, and why; ``chosen`` showed at theirs."""
     dull = [
         NotExcited(c.id, f"of its usual size it would stand {found.snr[c.id]:.1f} sigma out of noise and lab errors")
         for c in tried
-        if not c.inferred and found.snr.get(c.id, LEAST_SNR) < LEAST_SNR
+        if not c.inferred and c.id not in chosen and found.snr.get(c.id, LEAST_SNR) < LEAST_SNR
     ]
     unshown = [c.id for c in tried if c.id not in found.snr]
     return dull + [NotExcited(name, f"shows only beside {' or '.join(EFFECTS[name].shown_by)}") for name in unshown]
