@@ -20,7 +20,7 @@ from bhm_service.discrepancy.lean import Lean
 from bhm_service.discrepancy.noise import Noise
 from bhm_service.discrepancy.slopes import Slopes
 from bhm_service.identification.unknowns import Block, Unknowns, joined, numbers
-from bhm_service.units import Array, Flags, Places
+from bhm_service.units import Array, Flags, Places, Value
 
 # Of the state of charge at the start: charged full, by a gauge, and of a pack that nobody identified.
 FULL_SD, GAUGE_SD, GENERIC_SD = 0.01, 0.02, 0.08
@@ -71,6 +71,11 @@ class Joint:
     members: tuple[Candidate, ...] = ()
     start_sd: tuple[float, ...] = field(default=())  # per flight; by what is known of its start where not given
     lean: Mapping[str, Lean] = field(default_factory=dict)  # of sizes, by their blocks' names
+    # By flights, the vectors that were run along them last where states act on what moves them, and their states: a
+    # fit asks for a vector's residuals, and when it has taken it for their slopes.
+    _last: dict[bytes, tuple[bytes, tuple[Value, ...]]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     @cached_property
     def unknowns(self) -> Unknowns:
@@ -202,13 +207,20 @@ class Joint:
         if pack.has_feedback and leading is not None:
             first, of = np.unique(leading, return_inverse=True)
             if first.size < leading.size:
-                led = self._simulated(x[first], group, self._pack(x[first], group.places))
                 shape = (first.size, *group.time_s.shape)
-                near = tuple(np.broadcast_to(state, shape)[of] for state in led.states)
+                near = tuple(np.broadcast_to(state, shape)[of] for state in self._led(x[first], group))
         start = x[:, self.places[_STARTS]][:, group.places, None]
         skew_s = self._skew_s(x)
         current_a = group.current_at(skew_s) if skew_s.any() else group.current_a
-        return pack.simulate(group.time_s, current_a, start, group.temperature_k, near)
+        run = pack.simulate(group.time_s, current_a, start, group.temperature_k, near)
+        if pack.has_feedback and near is None:
+            self._last[group.places.tobytes()] = x.tobytes(), run.states
+        return run
+
+    def _led(self, x: Array, group: Abreast) -> tuple[Value, ...]:
+        """States of vectors (M, n) along flights, from which others are swept."""
+        known, states = self._last.get(group.places.tobytes(), (b"", ()))
+        return states if known == x.tobytes() else self._simulated(x, group, self._pack(x, group.places)).states
 
     def temperature(self, x: Array, flight: int) -> Array:
         """Temperature of the pack [K] along one flight for vectors (M, n): measured, or as the members have it."""
