@@ -275,7 +275,7 @@ def _candidate(
     unknowns: list[Unknown] = []
     fixed: dict[str, Sequence[float]] = {}
     for part in (kind, *carriers):
-        priors, bounds = part.priors(pack_wh), part.bounds(pack_wh)
+        priors = part.priors(pack_wh)
         for p in part.parameters():
             if p.model not in (None, model) or (p.beside is not None and p.beside not in known) or p.unless in joined:
                 continue
@@ -286,10 +286,8 @@ def _candidate(
             if p.name not in priors:
                 continue
             mean, sd = priors[p.name]
-            low, high = bounds[p.name]
             log = p.absent is None and p.low > 0.0 and not p.per_flight
-            apart = p.apart if p.per_flight else None
-            unknowns.append(Unknown(part.id, replace(p, low=low, high=high), (mean, sd), log, p.per_flight, apart))
+            unknowns.append(Unknown(part.id, p, (mean, sd), log, p.per_flight, p.apart if p.per_flight else None))
     parts = tuple((part.id, part) for part in (kind, *carriers))
     return Candidate(kind.id, parts, tuple(unknowns), fixed, inferred)
 

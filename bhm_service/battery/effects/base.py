@@ -83,11 +83,6 @@ class Physics:
         """Mean and standard deviation of each parameter that has any, in its unit, for a pack of so much energy."""
         return {p.name: p.prior for p in cls.parameters() if p.prior is not None}
 
-    @classmethod
-    def bounds(cls, pack_wh: float) -> dict[str, tuple[float, float]]:
-        """What is physical for a pack of so much energy, of each parameter that has any, in its unit."""
-        return {p.name: (p.low, p.high) for p in cls.parameters() if p.prior is not None}
-
 
 class Effect(Physics):
     """The hooks, each the identity."""

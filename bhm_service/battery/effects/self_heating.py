@@ -10,8 +10,8 @@ from bhm_service.battery.effects.base import Effect, Interval, Spread
 from bhm_service.battery.parameters import parameter
 from bhm_service.units import Value
 
-_WH_PER_KG = (120.0, 160.0, 200.0)  # of a drone pack with its wrapping: a racing pack, usual, a smart one
-_SPECIFIC_HEAT = (900.0, 1000.0, 1100.0)  # [J/(kg K)] of a LiPo pouch
+_WH_PER_KG = 160.0  # of a drone pack with its wrapping
+_SPECIFIC_HEAT = 1000.0  # [J/(kg K)] of a LiPo pouch, 900-1100
 _CONDUCTANCE = 4.5  # [W/K] of a pack of two kilograms, 2-8
 _USUAL_KG = 2.0
 
@@ -60,19 +60,12 @@ class SelfHeating(Effect):
 
     @classmethod
     def priors(cls, pack_wh: float) -> dict[str, tuple[float, float]]:
-        mass = pack_wh / _WH_PER_KG[1]
-        heat, loss = _SPECIFIC_HEAT[1] * mass, _CONDUCTANCE * (mass / _USUAL_KG) ** (2.0 / 3.0)
+        mass = pack_wh / _WH_PER_KG
+        heat, loss = _SPECIFIC_HEAT * mass, _CONDUCTANCE * (mass / _USUAL_KG) ** (2.0 / 3.0)
         return super(SelfHeating, cls).priors(pack_wh) | {
             "heat_capacity": (heat, 0.2 * heat),
             "conductance": (loss, 0.45 * loss),
         }
-
-    @classmethod
-    def bounds(cls, pack_wh: float) -> dict[str, tuple[float, float]]:
-        """Its heat is that of what it weighs: any other is no pack's, however well it fits."""
-        lightest, heaviest = pack_wh / _WH_PER_KG[2], pack_wh / _WH_PER_KG[0]
-        heat = (_SPECIFIC_HEAT[0] * lightest, _SPECIFIC_HEAT[2] * heaviest)
-        return super(SelfHeating, cls).bounds(pack_wh) | {"heat_capacity": heat}
 
     def start(self) -> tuple[Value, ...]:
         return (self.ambient, self.start_above)
