@@ -145,20 +145,13 @@ def _predicted(found: Search, names: Names, left: int) -> Array:
     others = [k for k in range(len(found.base.flights)) if k != left]
     joint = replace(whole.joint, members=tuple(_without(found, m, left) for m in whole.joint.members))
     rest = subset(joint, others)
-    learnt = _settled(fit(rest, found.noise, restricted(whole, rest, others), rounds=8))
+    learnt = fit(rest, found.noise, restricted(whole, rest, others), rounds=8)
     return predicted_from_quarter(joint, learnt, left, found.noise)
 
 
 def _without(found: Search, member: Candidate, left: int) -> Candidate:
     """A member with flights expected as far apart as the others say."""
     return found.spreads[member.id].told(left) if member.id in found.spreads else member
-
-
-def _settled(learnt: Fitted) -> Fitted:
-    """A fit one step further, by its own curvature: where it began is from all flights, and is to be forgotten."""
-    step = -learnt.joint.scale * np.linalg.solve(learnt.curvature, learnt.gradient)
-    unknowns = learnt.joint.unknowns
-    return replace(learnt, x=np.clip(learnt.x + step, unknowns.low, unknowns.high))
 
 
 def subset(joint: Joint, flights: list[int]) -> Joint:
@@ -201,10 +194,12 @@ def predicted_from_quarter(joint: Joint, learnt: Fitted | None, index: int, nois
 
 
 def _untold(learnt: Fitted) -> list[str]:
-    """The members' sizes, the same in all flights, that the flights of this fit do not tell."""
+    """The members' sizes, the same in all flights, that these leave where they were expected and no better known."""
     sd = np.sqrt(np.diag(learnt.covariance)) / learnt.joint.scale
+    pulled = np.abs(learnt.joint.unknowns.pulls(learnt.x)[0])
+    open_ = (sd > _UNTOLD) & (pulled < 1.0)
     shared = [u.name for member in learnt.joint.members for u in member.amplitudes() if not u.per_flight]
-    return [name for name in shared if np.all(sd[learnt.joint.places[name]] > _UNTOLD)]
+    return [name for name in shared if np.all(open_[learnt.joint.places[name]])]
 
 
 def _put(flights: tuple[FlightData, ...], index: int, data: FlightData) -> tuple[FlightData, ...]:
