@@ -8,6 +8,7 @@ import pytest
 from discrepancy.commanded import bhm
 
 NEW, WORN = ("flight_29.csv", "flight_32.csv"), "flight_31.csv"
+# Made up: the recordings say which pack is worn, not how many cycles it had.
 CYCLES = {NEW[0]: 2, WORN: 200, NEW[1]: 3}
 
 
@@ -34,7 +35,7 @@ def test_the_growth_of_the_worn_packs_resistance_is_named(explained):
     assert growth["value"] - 1.64 * growth["sd"] < 1.4 < growth["value"] + 1.64 * growth["sd"]
 
 
-def test_its_flight_is_foretold_better_from_its_first_quarter(explained):
+def test_flights_that_no_fit_saw_are_foretold_better(explained):
     fit = explained[0]["fit"]
     assert fit["heldout_after_V"] < 0.75 * fit["heldout_before_V"]
 
