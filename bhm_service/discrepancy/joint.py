@@ -16,7 +16,6 @@ from bhm_service.discrepancy.abreast import Abreast, abreast
 from bhm_service.discrepancy.candidate import Candidate, alike, alike_sd
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.lab import BEND_SOC, Lab, LabError
-from bhm_service.discrepancy.lean import Lean
 from bhm_service.discrepancy.noise import Noise
 from bhm_service.discrepancy.slopes import Slopes
 from bhm_service.identification.unknowns import Block, Unknowns, joined, numbers
@@ -70,7 +69,7 @@ class Joint:
     flights: tuple[FlightData, ...]
     members: tuple[Candidate, ...] = ()
     start_sd: tuple[float, ...] = field(default=())  # per flight; by what is known of its start where not given
-    lean: Mapping[str, Lean] = field(default_factory=dict)  # of sizes, by their blocks' names
+    lean: Mapping[str, float] = field(default_factory=dict)  # half the cost of one more of a number, by its block
     # By flights, the vectors that were run along them last where states act on what moves them, and their states: a
     # fit asks for a vector's residuals, and when it has taken it for their slopes.
     _last: dict[bytes, tuple[bytes, tuple[Value, ...]]] = field(
@@ -431,12 +430,10 @@ class Joint:
 
     def leaning(self, x: Array) -> tuple[float, Array]:
         """Half of what the vector costs by its leans, and the slopes of that in standard deviations; (n,)."""
-        nats, slopes = 0.0, np.zeros(self.scale.size)
-        for name, lean in self.lean.items():
-            k = self.places[name].start
-            nats += lean.nats(float(x[k]))
-            slopes[k] = lean.slope(float(x[k])) * self.scale[k]
-        return nats, slopes
+        by = np.zeros(self.scale.size)
+        for name, slope in self.lean.items():
+            by[self.places[name]] = slope
+        return float(by @ x), by * self.scale
 
     def pulls(self, x: Array) -> Array:
         """How far a vector is from what was known before, of its numbers and of their sums."""

@@ -11,7 +11,7 @@ from bhm_service.discrepancy.alikeness import FlightSpread
 from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.fitting import Fitted, ProblemT, cost_of, fit, one_step
 from bhm_service.discrepancy.joint import Joint
-from bhm_service.discrepancy.marginal import likeliest
+from bhm_service.discrepancy.marginal import likelier, likeliest
 from bhm_service.discrepancy.noise import SUDDEN, Noise, estimated
 from bhm_service.discrepancy.onset import begun
 from bhm_service.discrepancy.slopes import Slopes
@@ -83,10 +83,14 @@ class Search:
                 joint = replace(joint, lean={n: own for n, own in start.joint.lean.items() if n in joint.places})
             best = min((f.cost for f in self.fits.values()), default=None)
             starts = _starts(joint, start)
-            if not _hides(joint, start):
+            hides = _hides(joint, start)
+            if not hides:
                 starts = [min(starts, key=lambda x: cost_of(joint, x, self.noise))]
             ends = [fit_over_valleys(joint, self.noise, begin, aim=best) for begin in starts]
-            self.fits[names] = likeliest(min(ends, key=lambda end: end.cost))
+            end = likelier(ends)
+            # What numbers lean by is of the noise and of what is known before: another search's is only a start.
+            again = start is not None and start.noise is not self.noise
+            self.fits[names] = likeliest(end) if hides or again else end
         return self.fits[names]
 
     def joint(self, names: Names) -> Joint:
@@ -160,12 +164,17 @@ def _by_members(at: Fitted) -> Array:
 
 
 def _starts(joint: Joint, start: Fitted | None) -> list[Array]:
-    """Where the fit of a set may begin: from another set's, what joins that at its usual size or not there yet."""
+    """Where the fit of a set may begin: from another set's, what joins that at its usual size or not there yet.
+
+    A fit without a driver that nobody recorded has put what that does where it does not belong, into the lab's errors
+    and the flights' starts: where such an effect joins, from what was known before as well.
+    """
     if start is None:
         return [_carried(joint, None)]
     there = {member.id for member in start.joint.members}
-    joining = (member for member in joint.members if member.id not in there)
-    return [_carried(joint, start), *(_absent(joint, start, member) for member in joining)]
+    joining = [member for member in joint.members if member.id not in there]
+    fresh = [_carried(joint, None)] if _hides(joint, start) else []
+    return [_carried(joint, start), *(_absent(joint, start, member) for member in joining), *fresh]
 
 
 def _hides(joint: Joint, start: Fitted | None) -> bool:

@@ -6,6 +6,7 @@ from discrepancy.flown import flown
 from bhm_service.battery.effects import EFFECTS
 
 ENERGY = 22.0  # [kJ/mol]
+COOLS = 1.5  # [W/K]
 _SEED = 2
 
 
@@ -18,7 +19,7 @@ def warmed(ambients):
     """A flight on each day, its pack as warm as the day when it begins."""
     found = []
     for number, ambient in enumerate(ambients):
-        heat = EFFECTS["self-heating"](heat_capacity=400.0, conductance=1.5, ambient=ambient, start_above=0.0)
+        heat = EFFECTS["self-heating"](heat_capacity=400.0, conductance=COOLS, ambient=ambient, start_above=0.0)
         physics = [EFFECTS["resistance-temperature"](activation_energy=1e3 * ENERGY), heat]
         found.append(flown(physics, seed=_SEED, number=number, samples=200))
     return tuple(found)
