@@ -31,6 +31,7 @@ _SCALES = {
 _SHOWS = {"temperature": "resistance-temperature"}
 _FINEST = 0.25  # times what is declared: how alike flights may be expected to be in what differs between them
 _OPEN = 10.0  # times what is declared: nothing that flights show is pulled by what was expected any more
+_FEW = 9  # flights: from so many on they are not doubted the more for being alike (`saturated_noise`)
 SCALE_NATS = 1.0  # that a scale costs which the flights themselves gave
 
 
@@ -75,6 +76,13 @@ class Unknown:
         mean, sd = self.prior
         return replace(self, prior=(mean, share * sd))
 
+    def doubted(self, share: float) -> Unknown:
+        """The same, what all flights share known before to a ``share`` of what is declared, their mean as usual."""
+        mean, sd = self.prior
+        if self.apart is not None:
+            return replace(self, prior=(mean, self.apart), apart=None)
+        return self if self.per_flight else replace(self, prior=(mean, share * sd))
+
     def block(self, flights: int) -> Block:
         """Its block of unknowns."""
         size = flights if self.per_flight else 1
@@ -110,6 +118,7 @@ class Candidate:
     fixed: Mapping[str, Sequence[float]] = field(default_factory=dict)  # numbers that the flights themselves give
     inferred: tuple[str, ...] = ()  # drivers that are carried as hidden states
     price: float = 0.0  # [nats] of having been looked for in many places
+    level_sd: float = 0.0  # of its driver in all flights together, where these do not tell it; in the driver's unit
 
     def blocks(self, flights: int) -> list[Block]:
         """The unknowns that it adds."""
@@ -148,6 +157,19 @@ class Candidate:
     def on(self, flights: Sequence[int]) -> Candidate:
         """The same for some of the flights."""
         return replace(self, fixed={key: [told[k] for k in flights] for key, told in self.fixed.items()})
+
+    def doubted(self, flights: int) -> Candidate:
+        """The same for flights of a pack that nobody identified, where its driver is not recorded.
+
+        How warm all flights were and how much resistance the pack has is one number to them. How fast it warms and how
+        much its resistance minds trade against what a cell that is only like this one gets wrong, and that is the same
+        in all flights: many of them tell no more of it than a few.
+        """
+        if not self.inferred:
+            return self
+        share = min(1.0, float(np.sqrt(_FEW / flights)))
+        level = max((u.prior[1] for u in self.unknowns if u.apart is not None), default=0.0)
+        return replace(self, unknowns=tuple(u.doubted(share) for u in self.unknowns), level_sd=level)
 
     def alone(self) -> Candidate:
         """The same without the companion that carries its driver."""
@@ -240,7 +262,8 @@ def candidates(
             # What stands beside an inexact equation would mend what another pack's battery file gets wrong.
             missing.append(NotExcited(kind.id, "the battery file is not of this pack: too fine to be told"))
             continue
-        found.append(_candidate(kind, tuple(carriers), tuple(needed), flights, known, model, pack_wh, joined))
+        own = _candidate(kind, tuple(carriers), tuple(needed), flights, known, model, pack_wh, joined)
+        found.append(own if identified else own.doubted(len(flights)))
     return found, missing
 
 

@@ -18,13 +18,14 @@ def courses_of(base: Joint, fitted: Fitted) -> list[Course]:
     joint = fitted.joint
     draws = _draws(fitted)
     inferred = any("temperature" in kind.supplies for c in joint.members for _, kind in c.parts)
+    level_sd = max((member.level_sd for member in joint.members), default=0.0)
     found = []
     everywhere = zip(joint.flights, base.expected_v, joint.all_predicted(fitted.x[None, :]), strict=True)
     for k, (data, before, after) in enumerate(everywhere):
         states: dict[str, tuple[Array, Array]] = {}
         if inferred:
             rows = joint.temperature(draws, k)
-            states["temperature"] = (rows[0], rows[1:].std(axis=0))
+            states["temperature"] = (rows[0], np.hypot(rows[1:].std(axis=0), level_sd))
         found.append(Course(data, before, after.voltage[0], after.soc, states))
     return found
 

@@ -86,6 +86,12 @@ class Scene:
         return found
 
     @cached_property
+    def inferred_sd_k(self) -> float | None:
+        """Standard deviation of the pack's temperature where no sensor told it; None where one did. [K]"""
+        known = [course.hidden["temperature"][1] for course in self.courses if "temperature" in course.hidden]
+        return float(np.sqrt(np.mean(np.concatenate(known) ** 2))) if known else None
+
+    @cached_property
     def reached_c(self) -> list[float]:
         """The coldest and the warmest of every flight whose temperature is known. [degC]"""
         known = [kelvin for course in self.courses if (kelvin := temperature_k(course)) is not None]
@@ -123,7 +129,8 @@ def _resistance_temperature(s: Scene) -> str:
     # Where no take-off was cold the pack is farthest from the lab's temperature once it has warmed up.
     celsius = coldest if coldest < 20.0 else max([*known, *s.reached_c], key=lambda c: abs(c - 25.0))
     ratio = np.exp(energy / GAS_CONSTANT * (1.0 / (celsius + ZERO_CELSIUS_K) - 1.0 / REFERENCE_TEMPERATURE_K))
-    return f"at {celsius:.0f} degC the pack has {ratio:.2g} times the resistance that it has at 25 degC"
+    unsure = "" if s.inferred_sd_k is None else f" (inferred, ± {max(s.inferred_sd_k, 1.0):.0f} K)"
+    return f"at {celsius:.0f} degC{unsure} the pack has {ratio:.2g} times the resistance that it has at 25 degC"
 
 
 def _self_heating(s: Scene) -> str:

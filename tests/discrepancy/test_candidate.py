@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from discrepancy.flown import four
+from discrepancy.flown import base, four
 
 from bhm_service.discrepancy.candidate import alike, alike_sd, candidates
+from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.sidecar import Notes
 
 WH = 200.0
@@ -132,3 +133,29 @@ def test_what_is_alike_is_each_as_uncertain_as_said_and_differs_by_as_little(cou
     each, apart = covariance[0, 0], covariance[0, 0] + covariance[1, 1] - 2.0 * covariance[0, 1]
     assert np.sqrt(each) == pytest.approx(10.0)
     assert np.sqrt(apart / 2.0) == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize(("count", "share"), [(4, 1.0), (36, 0.5)])
+def test_many_flights_of_a_pack_that_nobody_identified_tell_no_more_of_what_they_share_than_a_few(count, share):
+    """How far they are from each other they do tell."""
+    flights = tuple(replace(f, temperature_k=None) for f in four("capacity-fade")) * (count // 4)
+    joint = {}
+    for identified in (True, False):
+        found, _ = candidates(flights, "circ", WH, identified=identified)
+        member = next(c for c in found if c.id == "resistance-temperature")
+        joint[identified] = Joint(base(flights).lab, flights, (member,))
+
+    def spread(identified, along):
+        at = joint[identified]
+        where = at.places["self-heating.ambient"]
+        known = np.linalg.inv(at.known)[where, where] * np.outer(at.scale[where], at.scale[where])
+        return float(np.sqrt(along @ known @ along))
+
+    def size_sd(identified):
+        return joint[identified].scale[joint[identified].places["resistance-temperature.activation_energy"]][0]
+
+    mean, apart = np.full(count, 1.0 / count), np.eye(count)[0] - np.eye(count)[1]
+    assert spread(True, mean) == pytest.approx(9.0, rel=0.05)
+    assert spread(False, mean) == pytest.approx(5.0 / np.sqrt(count))
+    assert spread(False, apart) == pytest.approx(spread(True, apart), rel=1e-6)
+    assert size_sd(False) == pytest.approx(share * size_sd(True))

@@ -29,3 +29,21 @@ def test_an_inferred_temperature_begins_where_the_numbers_say_and_rises_under_lo
     assert mild.hidden["temperature"][0][0] == pytest.approx(291.0)
     assert mild.hidden["temperature"][0][-1] > 291.5
     assert np.all(mild.hidden["temperature"][1] > 0.0)
+
+
+def test_how_warm_all_flights_were_is_not_told_by_a_pack_that_nobody_identified():
+    """Its resistance is not known either: the band of what is inferred holds what is known of days and places."""
+    flights = tuple(replace(flown(flight(k)), temperature_k=None) for k in (1, 2))
+
+    def band(identified):
+        found, _ = candidates(flights, "circ", 100.0, identified=identified)
+        joint = Joint(lab(), flights, (next(c for c in found if c.id == "resistance-temperature"),))
+        start = joint.unknowns.start
+        at = Fitted(
+            joint=joint, noise=NOISE, x=start, cost=0.0, rows=[], curvature=1e6 * np.eye(start.size),
+            gradient=np.zeros(start.size),
+        )  # fmt: skip
+        return courses_of(Joint(lab(), flights), at)[0].hidden["temperature"][1]
+
+    assert np.all(band(identified=True) < 1.0)
+    assert np.all(band(identified=False) > 9.9)

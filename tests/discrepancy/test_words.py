@@ -70,16 +70,17 @@ def test_a_pack_that_starts_at_the_labs_temperature_is_told_of_where_it_has_warm
     assert text.startswith("At 41 degC the pack has 0.64 times the resistance that it has at 25 degC; ")
 
 
-def test_temperature_that_no_sensor_told_is_taken_from_what_was_inferred():
+def test_temperature_that_no_sensor_told_is_taken_from_what_was_inferred_and_said_with_its_band():
     bare = [flown(flight(k, c)) for k, c in ((1, 5.0), (2, 24.0))]
     told = [course(f) for f in bare]
     hidden = [
         type(c)(type(f)(**{n: getattr(f, n) for n in f.__dataclass_fields__} | {"temperature_k": None}),
-                c.before_v, c.after_v, c.soc, {"temperature": (f.temperature_k, np.ones(f.time_s.size))})
+                c.before_v, c.after_v, c.soc, {"temperature": (f.temperature_k, np.full(f.time_s.size, 3.0))})
         for c, f in zip(told, bare, strict=True)
     ]  # fmt: skip
     text = effect_in_words("resistance-temperature", {"activation_energy": 22.0}, lab(), bare, hidden)
-    assert text == effect_in_words("resistance-temperature", {"activation_energy": 22.0}, lab(), bare, told)
+    recorded = effect_in_words("resistance-temperature", {"activation_energy": 22.0}, lab(), bare, told)
+    assert text == recorded.replace("5 degC the pack", "5 degC (inferred, ± 3 K) the pack", 1)
 
 
 def test_what_comes_with_age_is_told_as_it_is_at_the_oldest_flight():
