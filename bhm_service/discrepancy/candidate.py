@@ -11,6 +11,7 @@ from bhm_service.battery.battery_file import ModelName
 from bhm_service.battery.effects import EFFECTS, Effect
 from bhm_service.battery.parameters import Parameter
 from bhm_service.discrepancy.flights import FlightData
+from bhm_service.discrepancy.noise import MOST_DOUBT, WITNESSES
 from bhm_service.identification.unknowns import Block, numbers
 from bhm_service.units import Array, Places
 
@@ -31,7 +32,7 @@ _SCALES = {
 _SHOWS = {"temperature": "resistance-temperature"}
 _FINEST = 0.25  # times what is declared: how alike flights may be expected to be in what differs between them
 _OPEN = 10.0  # times what is declared: nothing that flights show is pulled by what was expected any more
-_FEW = 9  # flights: from so many on they are not doubted the more for being alike (`saturated_noise`)
+_FEW = MOST_DOUBT / WITNESSES  # flights: from so many on they are not doubted the more for being alike
 SCALE_NATS = 1.0  # that a scale costs which the flights themselves gave
 
 

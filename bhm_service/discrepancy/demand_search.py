@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 from bhm_service.discrepancy.demand_model import FLIGHT_SD, FLIGHT_SDS, Demand, Term
 from bhm_service.discrepancy.demand_release import releases
 from bhm_service.discrepancy.fitting import Fitted, bulk, fit
-from bhm_service.discrepancy.noise import Noise, estimated
+from bhm_service.discrepancy.noise import Noise, doubt_of_alike, estimated
 from bhm_service.discrepancy.search import LEAST_SNR, NATS, NEAR, STRONG, Geometry, Names, geometry_of
 from bhm_service.discrepancy.significance import exceeded
 from bhm_service.prediction.demand_effects import DEMAND_EFFECTS
@@ -19,7 +19,6 @@ from bhm_service.units import Array
 
 _START = Noise(0.7, 0.2, 0.03)
 FLOOR = 0.002  # of the hover's power: none is measured better than this
-_WITNESSES, _MOST_DOUBT = 1.0 / 3.0, 3.0  # a model's errors are alike in flights of a kind, as on the battery's side
 _WIDTH, _DEPTH = 2, 4
 LEAST = 0.005  # of the hover's power, RMS: what adds less changes nothing that anybody flies by
 _LEAST_SHARE = 0.2  # of what the largest member adds
@@ -144,8 +143,7 @@ def search(base: Demand) -> DemandSearch:
         noise = estimated(misfits, FLOOR)
         terms = _released(terms, misfits_without(everything, PAYLOAD), base, noise)
     terms += _carried(everything, terms)
-    doubt = float(np.clip(_WITNESSES * len(base.flights), 1.0, _MOST_DOUBT))
-    found = DemandSearch(base, tuple(terms), replace(noise, doubt=doubt))
+    found = DemandSearch(base, tuple(terms), replace(noise, doubt=doubt_of_alike(len(base.flights))))
     bare = found.fitted(frozenset())
     found.snr = {t.key: _expected_snr(_geometry(found, bare, t), t) for t in terms}
     found.terms = tuple(t for t in terms if found.snr[t.key] > LEAST_SNR)

@@ -17,7 +17,14 @@ from bhm_service.battery.dynamics import recurrence
 from bhm_service.units import Array
 
 SUDDEN = 0.2  # of the ohmic drop of a sudden change: what relaxes within a sample no lab at one hertz tells
+# What a model gets wrong it gets wrong alike in all flights of a kind: they are not independent witnesses of it.
+WITNESSES, MOST_DOUBT = 1.0 / 3.0, 3.0
 _CLIP = 4.0  # standard deviations beyond which an innovation counts no more
+
+
+def doubt_of_alike(flights: int) -> float:
+    """How many times the variance of an innovation is doubted for what a model gets wrong alike in some flights."""
+    return float(np.clip(WITNESSES * flights, 1.0, MOST_DOUBT))
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.fitting import Fitted, ProblemT, cost_of, fit, one_step
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.marginal import likelier, likeliest
-from bhm_service.discrepancy.noise import SUDDEN, Noise, estimated
+from bhm_service.discrepancy.noise import MOST_DOUBT, SUDDEN, Noise, doubt_of_alike, estimated
 from bhm_service.discrepancy.onset import begun
 from bhm_service.discrepancy.slopes import Slopes
 from bhm_service.discrepancy.steps import contact_candidate, episodes
@@ -42,9 +42,7 @@ LEAST_SNR = 3.0  # below, these recordings cannot show an effect of the usual si
 _TRIED_SNR = 1.0  # below, they could not even show one of several times that
 _WIDTH, _DEPTH, _EXPANSIONS = 3, 3, 4
 _PAIR = 2  # effects: what joins two and earns its place is among the first of what looks best
-# What a model gets wrong it gets wrong alike in all flights of a kind: they are not independent witnesses of it. And
-# the more it gets wrong in the lab, the more of what it leaves in flight is its own.
-_WITNESSES, _MOST_DOUBT = 1.0 / 3.0, 3.0
+# The more a model gets wrong in the lab, the more of what it leaves in flight is its own.
 _USUAL_V = 0.012  # [V] of a cell: what a model that follows its cell is off by on recordings that no fit saw, at most
 _BENT = 3.0  # standard deviations
 _FLOOR_V = 1e-3  # [V] of a cell: no voltage is measured and modelled better than this
@@ -291,9 +289,8 @@ def saturated_noise(at: Fitted, candidates: Sequence[Candidate]) -> Noise:
     sizes = np.asarray(np.linalg.solve(square, score), dtype=float)
     left = [row - own.along(sizes) for own, row in flown]
     noise = estimated(left, joint.lab.series * _FLOOR_V)
-    alike = float(np.clip(_WITNESSES * len(left), 1.0, _MOST_DOUBT))
-    poor = float(np.clip(joint.lab.voltage_error_v / _USUAL_V, 1.0, _MOST_DOUBT)) if joint.lab.identified else 1.0
-    return replace(noise, sudden=SUDDEN, doubt=alike * poor)
+    poor = float(np.clip(joint.lab.voltage_error_v / _USUAL_V, 1.0, MOST_DOUBT)) if joint.lab.identified else 1.0
+    return replace(noise, sudden=SUDDEN, doubt=doubt_of_alike(len(left)) * poor)
 
 
 def search(base: Joint, candidates: Sequence[Candidate], progress: Progress = lambda _: None) -> Search:
