@@ -59,6 +59,7 @@ class Unknown:
     log: bool
     per_flight: bool
     apart: float | None = None  # how far flights may lie from each other in it, where that is less than the prior
+    level_sd: float = 0.0  # of all flights together, where these do not tell it; in the declared unit
 
     @property
     def name(self) -> str:
@@ -81,7 +82,7 @@ class Unknown:
         """The same, what all flights share known before to a ``share`` of what is declared, their mean as usual."""
         mean, sd = self.prior
         if self.apart is not None:
-            return replace(self, prior=(mean, self.apart), apart=None)
+            return replace(self, prior=(mean, self.apart), apart=None, level_sd=sd)
         return self if self.per_flight else replace(self, prior=(mean, share * sd))
 
     def block(self, flights: int) -> Block:
@@ -119,7 +120,6 @@ class Candidate:
     fixed: Mapping[str, Sequence[float]] = field(default_factory=dict)  # numbers that the flights themselves give
     inferred: tuple[str, ...] = ()  # drivers that are carried as hidden states
     price: float = 0.0  # [nats] of having been looked for in many places
-    level_sd: float = 0.0  # of its driver in all flights together, where these do not tell it; in the driver's unit
 
     def blocks(self, flights: int) -> list[Block]:
         """The unknowns that it adds."""
@@ -169,8 +169,7 @@ class Candidate:
         if not self.inferred:
             return self
         share = min(1.0, float(np.sqrt(_FEW / flights)))
-        level = max((u.prior[1] for u in self.unknowns if u.apart is not None), default=0.0)
-        return replace(self, unknowns=tuple(u.doubted(share) for u in self.unknowns), level_sd=level)
+        return replace(self, unknowns=tuple(u.doubted(share) for u in self.unknowns))
 
     def alone(self) -> Candidate:
         """The same without the companion that carries its driver."""

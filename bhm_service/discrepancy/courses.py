@@ -18,7 +18,7 @@ def courses_of(base: Joint, fitted: Fitted) -> list[Course]:
     joint = fitted.joint
     draws = _draws(fitted)
     inferred = any("temperature" in kind.supplies for c in joint.members for _, kind in c.parts)
-    level_sd = max((member.level_sd for member in joint.members), default=0.0)
+    level_sd = max((u.level_sd for member in joint.members for u in member.unknowns), default=0.0)
     found = []
     everywhere = zip(joint.flights, base.expected_v, joint.all_predicted(fitted.x[None, :]), strict=True)
     for k, (data, before, after) in enumerate(everywhere):

@@ -69,6 +69,7 @@ def parameters(fits: Sequence[Fitted], name: str) -> dict[str, Quantity]:
             sd = sd * value
         if u.declared.absent is not None:
             sd = np.hypot(sd, _MEANS * (value - u.declared.absent))
+        sd = np.hypot(sd, u.level_sd)
         apart = [other - value for other in _of(others, name, u.name)]
         sd = np.sqrt(sd**2 + sum((step**2 for step in apart), np.zeros(1)) / (1 + len(apart)))
         own = u.declared.name if u.effect == name else f"{u.effect}.{u.declared.name}"

@@ -12,6 +12,7 @@ from bhm_service.discrepancy.candidate import candidates
 from bhm_service.discrepancy.courses import courses_of
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.joint import Joint
+from bhm_service.discrepancy.quantities import parameters
 
 
 def test_an_inferred_temperature_begins_where_the_numbers_say_and_rises_under_load():
@@ -32,18 +33,21 @@ def test_an_inferred_temperature_begins_where_the_numbers_say_and_rises_under_lo
 
 
 def test_how_warm_all_flights_were_is_not_told_by_a_pack_that_nobody_identified():
-    """Its resistance is not known either: the band of what is inferred holds what is known of days and places."""
+    """Its resistance is not known either: what is inferred is told as closely as days and places are known."""
     flights = tuple(replace(flown(flight(k)), temperature_k=None) for k in (1, 2))
 
-    def band(identified):
+    def told(identified):
         found, _ = candidates(flights, "circ", 100.0, identified=identified)
         joint = Joint(lab(), flights, (next(c for c in found if c.id == "resistance-temperature"),))
         start = joint.unknowns.start
         at = Fitted(
-            joint=joint, noise=NOISE, x=start, cost=0.0, rows=[], curvature=1e6 * np.eye(start.size),
+            joint=joint, noise=NOISE, x=start, cost=0.0, rows=[np.ones(1)], curvature=1e6 * np.eye(start.size),
             gradient=np.zeros(start.size),
         )  # fmt: skip
-        return courses_of(Joint(lab(), flights), at)[0].hidden["temperature"][1]
+        ambient = parameters([at], "resistance-temperature")[f"self-heating.ambient[{flights[0].label}]"]
+        return courses_of(Joint(lab(), flights), at)[0].hidden["temperature"][1], ambient.sd
 
-    assert np.all(band(identified=True) < 1.0)
-    assert np.all(band(identified=False) > 9.9)
+    for sd in told(identified=True):
+        assert np.all(sd < 1.0)
+    for sd in told(identified=False):
+        assert np.all(sd > 9.9)
