@@ -10,7 +10,7 @@ from discrepancy.flown import flown, four, searching
 from discrepancy.unrecorded import days, warmed
 
 from bhm_service.battery.effects import EFFECTS
-from bhm_service.discrepancy.confirm import Unseen, harmful, held_out
+from bhm_service.discrepancy.confirm import Unseen, harmful, held_out, predicted_from_quarter
 from bhm_service.discrepancy.sidecar import Notes
 
 FADE = frozenset({"capacity-fade"})
@@ -89,6 +89,24 @@ def test_the_one_worn_pack_among_new_ones_shows_in_its_own_first_quarter():
     worn = held_out(Unseen(searching(flights, growth)), growth).flights[-1]
     assert worn.rmse(worn.before_v) > 0.1
     assert worn.rmse(worn.after_v) < 0.2 * worn.rmse(worn.before_v)
+
+
+@pytest.mark.parametrize(("pulled", "told"), [(0.5, False), (2.5, True)])
+def test_a_size_that_the_others_pull_away_from_what_was_expected_is_told_by_them(pulled, told):
+    """However loosely: with it stands all else that they taught, and no first quarter takes it back alone."""
+    growth, size = frozenset({"resistance-growth"}), "resistance-growth.growth"
+    flights = [replace(flown((), seed=6, number=k), notes=Notes(cycles=100.0 * (k + 1))) for k in range(4)]
+    found = searching(flights, growth)
+    learnt = found.fitted(growth)
+    at = learnt.joint.places[size]
+    there = learnt.x.copy()
+    there[at] = learnt.joint.unknowns.start[at] + pulled * learnt.joint.scale[at]
+    loosely = replace(learnt, x=there, curvature=learnt.joint.known)
+    by_them = predicted_from_quarter(learnt.joint, loosely, 3, found.noise)
+    by_all = predicted_from_quarter(learnt.joint, learnt, 3, found.noise)
+    # The pack is as new: a quarter that may move the size finds so, one that may not has the wear of the others.
+    off = np.sqrt(np.nanmean((by_them - by_all)[flights[3].airborne] ** 2))
+    assert (off > 0.05) == told
 
 
 def test_two_flights_are_too_few_to_hold_one_out():
