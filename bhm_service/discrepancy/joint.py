@@ -146,8 +146,14 @@ class Joint:
         return self._of([name for name, where in self.places.items() if where.start >= self._adding.start])
 
     @cached_property
+    def forms(self) -> list[Places]:
+        """For each member, the numbers by which it may be off."""
+        names = [form.names_of(c.id) for c in self.members]
+        return [np.concatenate([np.arange(self.places[n].start, self.places[n].stop) for n in own]) for own in names]
+
+    @cached_property
     def _forms(self) -> list[Places]:
-        """For each member, the numbers of its form, flight by flight; (flights, numbers)."""
+        """The same flight by flight; (flights, numbers)."""
         return [self._of(form.names_of(c.id)) for c in self.members]
 
     def _of(self, names: list[str]) -> Places:
