@@ -12,7 +12,10 @@ from bhm_service.units import Value
 
 _WH_PER_KG = 160.0  # of a drone pack with its wrapping
 _SPECIFIC_HEAT = 1000.0  # [J/(kg K)] of a LiPo pouch, 900-1100
-_CONDUCTANCE = 4.5  # [W/K] of a pack of two kilograms, 2-8
+# [W/K] of a pack of two kilograms, on a tenth of a square metre: 8 in the propellers' wash (80 W/m2/K), 1 in still air
+# (10 with its radiation), 0.5 in a bay with foam around it. One and two standard deviations of the logarithm: a factor
+# of two and of four.
+_CONDUCTANCE, _CONDUCTANCE_SD = 2.0, 1.0
 _USUAL_KG = 2.0
 
 
@@ -46,8 +49,8 @@ class SelfHeating(Effect):
         0.05,
         100.0,
         "heat that it gives to the air, per kelvin",
-        prior=(4.5, 2.0),
-        source="2-8 W/K at 2 kg",
+        prior=(2.0, 2.0),
+        source="0.5 (closed bay) to 8 W/K (in the wash) at 2 kg",
     )
     ambient: Value = parameter(
         "T_ambient", "K", 233.0, 333.0, "temperature of the air around the pack", prior=(293.0, 10.0), per_flight=True,
@@ -64,7 +67,7 @@ class SelfHeating(Effect):
         heat, loss = _SPECIFIC_HEAT * mass, _CONDUCTANCE * (mass / _USUAL_KG) ** (2.0 / 3.0)
         return super(SelfHeating, cls).priors(pack_wh) | {
             "heat_capacity": (heat, 0.2 * heat),
-            "conductance": (loss, 0.45 * loss),
+            "conductance": (loss, _CONDUCTANCE_SD * loss),
         }
 
     def start(self) -> tuple[Value, ...]:
