@@ -94,7 +94,8 @@ def _near(found: Search, refuted: Collection[Names], absent: Names) -> list[Name
         better = nats - _price(found, names) > most - _price(found, best)
         close = len(names) <= len(best) and nats > most - NEAR
         imitates = nats < liked and not any(names < r for r in refuted)
-        if imitates or not (better or close) or not _stands(found, names):
+        # What is behind the best by less than tells them apart need not have earned that: it is no less its rival.
+        if imitates or not (better or close) or not _stands(found, names, 0.0 if better else most - nats):
             continue
         valid.append(names)
         if better:
@@ -137,11 +138,11 @@ def _swaps(found: Search, names: Names) -> None:
                 found.fitted(others | {other}, found.fitted(names))
 
 
-def _stands(found: Search, names: Names) -> bool:
+def _stands(found: Search, names: Names, behind: float) -> bool:
     return (
         _separable(found, names)
         and _physical(found.fitted(names))
-        and _matters(found, names)
+        and _matters(found, names, behind)
         and _explains(found, names)
         and _by_chance(found.fitted(names))
     )
@@ -231,15 +232,15 @@ def _shares(found: Search, names: Names) -> list[float]:
     return [of(whole, misfit, names), *(of(part, misfit - whole + part, frozenset({m.id})) for m, part in each)]
 
 
-def _matters(found: Search, names: Names) -> bool:
-    """Whether every member earns its place and moves the voltage by what anybody could care for."""
+def _matters(found: Search, names: Names, behind: float = 0.0) -> bool:
+    """Whether every member earns its place but for some nats, and moves the voltage by what anybody could care for."""
     volts = added(found, names)
     series = found.base.lab.series
     if any(v < series * _LEAST.get(name, LEAST_V) for name, v in volts.items()):
         return False
     if volts.get("ocv-shape", np.inf) < _BEYOND * series * found.base.lab.bend_sd_v:
         return False
-    return all(earned >= found.needed(name) for name, earned in found.earned(names).items())
+    return all(earned >= found.needed(name) - behind for name, earned in found.earned(names).items())
 
 
 def _price(found: Search, names: Names) -> float:

@@ -43,6 +43,24 @@ def test_what_is_common_comes_first_unless_the_flights_clearly_like_another_bett
     assert selected.alternatives == ((load | FADE) - {chosen},)
 
 
+@pytest.mark.parametrize(("behind_by", "rivals"), [(4.0, 1), (7.0, 0)])
+def test_what_is_hardly_behind_is_a_rival_though_it_has_not_earned_a_name_by_itself(behind_by, rivals):
+    """Once the battery as it is is ruled out, only how they compare tells two effects apart."""
+    load, earned = frozenset({"unseen-load"}), NATS + 2.0
+    flights = tuple(flown([EFFECTS["unseen-load"](current=2.0)], seed=5, number=k) for k in range(4))
+    found = searching(flights, load | FADE)
+    found.base = replace(found.base, lab=told_its_form(found.base.lab))
+    for names in (frozenset(), load, FADE):
+        found.fitted(names)
+    for names, nats in ((load, earned), (FADE, earned - behind_by)):
+        cost = found.fits[names].cost + 2.0 * found.inflation * (found.evidence(names) - nats)
+        found.fits[names] = replace(found.fits[names], cost=cost)
+        assert found.evidence(names) == pytest.approx(nats)
+    selected = select(found)
+    assert selected.names == load
+    assert selected.alternatives == (FADE,) * rivals
+
+
 def test_two_effects_are_chosen_together_and_explain_nearly_all(both):
     assert select(both).names == FADE | CONTACT
     assert share(both, FADE | CONTACT) > 0.9
