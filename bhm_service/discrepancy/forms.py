@@ -1,4 +1,4 @@
-"""By what a member of a hypothesis may be off: no equation of the catalogue is exact.
+"""By what a member of a hypothesis may be off: an equation of the catalogue need not be exact (`exactness`).
 
 What a member adds to the voltage may be off by shares of itself: from flight to flight, over the state of charge, in
 how it grows with the load, and in how fast it follows it. A second effect has to beat that.

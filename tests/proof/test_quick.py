@@ -7,22 +7,21 @@ from pathlib import Path
 from sim.proof.run import Request, prove
 from sim.proof.scoring.score import ANSWERED, FALSE_ALARMS, OF_ORACLE, PRECISION
 
-# Three nulls, a sensor's gain or offset, a load past the sensor and a pair: chosen for what it holds, not blind.
-SEED, CASES = 9, 6
-MOST = 5 / 6  # nulls and most of the effects
+# Two nulls, one of them with heavy tails, and a fade: chosen for what it holds, not blind.
+SEED, CASES = 3, 3
 
 
-def test_on_a_few_concealed_cases_nothing_is_claimed_of_a_null_and_most_effects_are_right(tmp_path, monkeypatch):
+def test_on_a_few_concealed_cases_nothing_is_claimed_of_a_null_and_an_effect_is_named(tmp_path, monkeypatch):
     # As `make prove` asks for it: where the tool runs, in a folder of its own, that path means nothing.
     monkeypatch.chdir(tmp_path)
     request = Request(suites=("quick",), seed=SEED, cases=CASES, flying=False, output=Path("run"))
     (score,) = prove(request, lambda _: None, lambda *_: None).scores
     rows = {row.name: row for row in score.rows}
-    assert rows[FALSE_ALARMS].n == 3
+    assert rows[FALSE_ALARMS].n == 2
     assert rows[FALSE_ALARMS].value == 0.0
     assert rows[PRECISION].n >= 1
     assert rows[PRECISION].value == 1.0
-    assert rows[ANSWERED].value >= MOST
+    assert rows[ANSWERED].value == 1.0
     assert rows["no answer at all"].value == 0.0
     assert rows[OF_ORACLE].n >= 1
     assert rows[OF_ORACLE].value > 0.5
