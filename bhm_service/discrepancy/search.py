@@ -128,6 +128,11 @@ class Search:
         return needed(name, self.base.lab.form_told)
 
     @property
+    def structural(self) -> float:
+        """What has to be earned here by what looks like an error of a model's structure. [nats]"""
+        return (_TOLD_SHARE if self.base.lab.form_told else 1.0) * _STRUCTURAL_NATS
+
+    @property
     def inflation(self) -> float:
         """Of the noise's variance, so that the best fit is as good as the noise says."""
         return max(1.0, min(f.misfit for f in self.fits.values()))

@@ -181,14 +181,20 @@ def _explains(found: Search, names: Names) -> bool:
     earned = found.earned(names)
     members = [member.id for member in found.joint(names).members]
     each = all(alone * earned[name] > NEAR for name, alone in zip(members, others, strict=True))
-    return each and (whole > MUCH or _credit(found, names) > _CLAIM_NATS) and not _opposed(found, names)
+    finer = all(earned[name] >= found.structural for name in _opposed(found, names))
+    return each and finer and (whole > MUCH or _credit(found, names) > _CLAIM_NATS)
 
 
-def _opposed(found: Search, names: Names) -> bool:
-    """Whether two members do nearly the opposite of each other: their difference is a finer shape than either has."""
+def _opposed(found: Search, names: Names) -> list[str]:
+    """The members that do nearly the opposite of another: what they leave of each other is a finer shape than either.
+
+    What a model gets wrong by its structure looks like that as well.
+    """
     parts = found.alone(names)
     size = np.sqrt(np.sum(parts**2, axis=1))
-    return bool(np.any(parts @ parts.T < _OPPOSED * np.outer(size, size)))
+    against = np.any(parts @ parts.T < _OPPOSED * np.outer(size, size), axis=1)
+    members = found.joint(names).members
+    return [member.id for member, is_so in zip(members, against, strict=True) if is_so]
 
 
 def _credit(found: Search, names: Names) -> float:

@@ -193,11 +193,17 @@ def with_parts(found, parts):
     return other
 
 
-def test_two_look_alikes_that_work_against_each_other_are_no_explanation(both):
+@pytest.mark.parametrize(("earned", "stands"), [(1.0, False), (20.0, True)])
+def test_two_look_alikes_that_work_against_each_other_have_to_earn_what_a_models_structure_has(both, earned, stands):
     """Contacts have grown worse and cells better by as much: any small error of the resistance looks like that."""
+    told = replace(both, base=replace(both.base, lab=told_its_form(both.base.lab)), fits=dict(both.fits))
+    for one in (FADE, CONTACT):
+        behind = told.evidence(FADE | CONTACT) - told.evidence(one) - NATS - earned
+        told.fits[one] = replace(told.fits[one], cost=told.fits[one].cost - 2.0 * told.inflation * behind)
     fade, contact = both.alone(FADE | CONTACT)
-    assert select(with_parts(both, np.vstack([fade, contact]))).names == FADE | CONTACT
-    assert select(with_parts(both, np.vstack([1.9 * fade + contact, -0.9 * fade]))).names != FADE | CONTACT
+    assert select(with_parts(told, np.vstack([fade, contact]))).names == FADE | CONTACT
+    against = np.vstack([1.9 * fade + contact, -0.9 * fade])
+    assert (select(with_parts(told, against)).names == FADE | CONTACT) == stands
 
 
 def test_a_member_counts_by_what_its_own_equation_explains_beside_the_others(both):
