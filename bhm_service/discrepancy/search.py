@@ -36,7 +36,7 @@ COMPANIONS = frozenset({"core-lag", "entropic-voltage", "cold-capacity"})
 FREE = frozenset({"ocv-shape", "resistance-shape"})
 _FREE_NATS = 60.0
 # Of these, where what the structure gets wrong in the lab is known and taken off already; but for what no lab sees.
-_TOLD_SHARE = 0.6
+TOLD_SHARE = 0.6
 _UNTOLD = COMPANIONS | {"time-skew"}
 LEAST_SNR = 3.0  # below, these recordings cannot show an effect of the usual size
 _TRIED_SNR = 1.0  # below, they could not even show one of several times that
@@ -53,7 +53,7 @@ Names = frozenset[str]
 
 def needed(name: str, told: bool = False) -> float:
     """What a member has to earn, whether or not the lab ``told`` what its model's form is off by. [nats]"""
-    share = _TOLD_SHARE if told and name not in _UNTOLD else 1.0
+    share = TOLD_SHARE if told and name not in _UNTOLD else 1.0
     if name in FREE:
         return share * _FREE_NATS
     return share * _STRUCTURAL_NATS if name in STRUCTURAL | COMPANIONS else NATS
@@ -130,7 +130,7 @@ class Search:
     @property
     def structural(self) -> float:
         """What has to be earned here by what looks like an error of a model's structure. [nats]"""
-        return (_TOLD_SHARE if self.base.lab.form_told else 1.0) * _STRUCTURAL_NATS
+        return (TOLD_SHARE if self.base.lab.form_told else 1.0) * _STRUCTURAL_NATS
 
     @property
     def inflation(self) -> float:

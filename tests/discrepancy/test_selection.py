@@ -186,6 +186,30 @@ def test_what_the_lab_was_off_by_besides_does_not_hide_an_effect_of_much_evidenc
     assert select(found).names == warmth
 
 
+@pytest.fixture(scope="module")
+def lagging():
+    """Flights of a cell with hysteresis, and nothing else to find."""
+    name = frozenset({"hysteresis"})
+    found = searching(tuple(flown([EFFECTS["hysteresis"](amplitude=0.03)], seed=5, number=k) for k in range(4)), name)
+    for names in (frozenset(), name):
+        found.fitted(names)
+    return found, name
+
+
+@pytest.mark.parametrize(
+    ("told", "cell_v", "matters"), [(False, 0.003, False), (False, 0.005, True), (True, 0.003, True)]
+)
+def test_what_looks_like_a_models_structure_moves_the_voltage_by_more_than_a_model_may_be_off(
+    lagging, told, cell_v, matters
+):
+    """By less where the lab told what its model's form is off by: that is taken off already."""
+    whole, name = lagging
+    lab = whole.base.lab
+    found = replace(whole, base=replace(whole.base, lab=told_its_form(lab) if told else lab), fits=dict(whole.fits))
+    found._added[name] = np.full_like(whole.added(name), cell_v * lab.series)
+    assert (select(found).names == name) == matters
+
+
 def with_parts(found, parts):
     """The same search where the pair's members do that by themselves (2, samples) [V]."""
     other = replace(found, fits=dict(found.fits))
