@@ -50,9 +50,12 @@ def effects(e: Explanation) -> list[EffectBlock]:
 
 def _effect(e: Explanation, found: EffectFound, words: str) -> EffectBlock:
     kind = EFFECTS[found.id]
+    asked_for = e.search.needed(found.id)
+    # The commoner of two that the flights hardly tell apart comes first, by less than the likelier has.
+    close = found.evidence_nats < asked_for and e.findings.alternatives
     grounds = [
         f"Evidence: {_nats(found.evidence_nats)} beyond the best explanation without it; "
-        f"{e.search.needed(found.id):.0f} are asked for.",
+        f"{asked_for:.0f} are asked for{', which one of its alternatives has' if close else ''}.",
         f"{100.0 * found.share_of_misfit:.0f} % of the squared voltage error goes with it.",
         f"Chance that noise alone makes any effect of the catalogue look as good: {_chance(found.p_familywise)}.",
     ]
