@@ -184,11 +184,6 @@ class Demand:
         """Curvature of what was known before, in those standard deviations."""
         return np.eye(self.scale.size)
 
-    @property
-    def forms(self) -> Sequence[Places]:
-        """No term of a demand is off but by its size."""
-        return ()
-
     def pulls(self, x: Array) -> Array:
         """How far a vector is from what was known before."""
         return np.asarray(self.unknowns.pulls(x)[0])

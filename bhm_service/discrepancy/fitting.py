@@ -15,7 +15,7 @@ from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.noise import Noise
 from bhm_service.discrepancy.slopes import Slopes, parted
 from bhm_service.identification.unknowns import Unknowns
-from bhm_service.units import Array, Flags, Places
+from bhm_service.units import Array, Flags
 
 _CLOSE, _CLOSE_SHARE = 0.1, 0.03  # of the cost, and of what it is beyond its aim: smaller gains end a fit
 _DAMPING, _EASED, _LEAST_DAMPING = 1e-3, 1e-4, 1e-6  # at first, before it is raised, and at last; of the curvature
@@ -40,11 +40,6 @@ class Problem(Protocol):
     @property
     def known(self) -> Array:
         """Curvature of half the cost by what was known before, in those standard deviations."""
-        ...
-
-    @property
-    def forms(self) -> Sequence[Places]:
-        """For each of its members, the numbers by which that may be off."""
         ...
 
     def pulls(self, x: Array) -> Array:
@@ -131,7 +126,7 @@ class Fitted(Generic[ProblemT]):
         """Mean squared innovation, far ones by their size: one where the noise explains all."""
         return bulk(self.rows) / self.size
 
-    def evidence(self, inflation: float) -> float:
+    def evidence(self: Fitted[Joint], inflation: float) -> float:
         """Laplace's approximation of the log evidence, but for what all hypotheses on these flights share. [nats]
 
         Each member may be off as usual or hardly at all. ``inflation`` of the noise's variance has to be the same for
@@ -140,8 +135,8 @@ class Fitted(Generic[ProblemT]):
         return -0.5 * self.cost / inflation - 0.5 * self._volume + self._exactness.nats(inflation)
 
     @cached_property
-    def _exactness(self) -> Exactness:
-        found = (self.x - self.joint.unknowns.start) / self.joint.scale
+    def _exactness(self: Fitted[Joint]) -> Exactness:
+        found = self.joint.unknowns.pulls(self.x)[0]
         return exactness(self.curvature, self.joint.known, found, self.joint.forms)
 
     @cached_property

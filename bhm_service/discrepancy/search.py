@@ -35,9 +35,9 @@ COMPANIONS = frozenset({"core-lag", "entropic-voltage", "cold-capacity"})
 # A course over the charge that is free at every knot follows nearly anything: only where no equation comes near it.
 FREE = frozenset({"ocv-shape", "resistance-shape"})
 _FREE_NATS = 60.0
-# Of these, where what the structure gets wrong in the lab is known and taken off already; but for what no lab sees.
-TOLD_SHARE = 0.6
-_UNTOLD = COMPANIONS | {"time-skew"}
+# Of what is asked of these, where what the structure gets wrong in the lab is known and taken off already.
+_TOLD_SHARE = 0.6
+_TOLD = STRUCTURAL - {"time-skew"}  # no lab sees what relaxes faster than it samples
 LEAST_SNR = 3.0  # below, these recordings cannot show an effect of the usual size
 _TRIED_SNR = 1.0  # below, they could not even show one of several times that
 _WIDTH, _DEPTH, _EXPANSIONS = 3, 3, 4
@@ -53,10 +53,14 @@ Names = frozenset[str]
 
 def needed(name: str, told: bool = False) -> float:
     """What a member has to earn, whether or not the lab ``told`` what its model's form is off by. [nats]"""
-    share = TOLD_SHARE if told and name not in _UNTOLD else 1.0
     if name in FREE:
-        return share * _FREE_NATS
-    return share * _STRUCTURAL_NATS if name in STRUCTURAL | COMPANIONS else NATS
+        return share_asked(name, told) * _FREE_NATS
+    return share_asked(name, told) * _STRUCTURAL_NATS if name in STRUCTURAL | COMPANIONS else NATS
+
+
+def share_asked(name: str, told: bool) -> float:
+    """Of what is asked of a member that looks like a model's structure, where the lab ``told`` what that is off by."""
+    return _TOLD_SHARE if told and name in _TOLD else 1.0
 
 
 @dataclass(slots=True)
@@ -130,7 +134,7 @@ class Search:
     @property
     def structural(self) -> float:
         """What has to be earned here by what looks like an error of a model's structure. [nats]"""
-        return (TOLD_SHARE if self.base.lab.form_told else 1.0) * _STRUCTURAL_NATS
+        return (_TOLD_SHARE if self.base.lab.form_told else 1.0) * _STRUCTURAL_NATS
 
     @property
     def inflation(self) -> float:

@@ -10,7 +10,7 @@ from scipy.stats import pearsonr
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.fitting import Fitted
-from bhm_service.discrepancy.search import COMPANIONS, NATS, NEAR, STRONG, STRUCTURAL, TOLD_SHARE, Names, Search
+from bhm_service.discrepancy.search import COMPANIONS, NATS, NEAR, STRONG, STRUCTURAL, Names, Search, share_asked
 from bhm_service.units import Array
 
 # What has to be explained by the equations themselves before anything is said, where nothing tells what the model's
@@ -242,17 +242,12 @@ def _matters(found: Search, names: Names, behind: float = 0.0) -> bool:
     """Whether every member earns its place but for some nats, and moves the voltage by what anybody could care for."""
     volts = added(found, names)
     series = found.base.lab.series
-    if any(v < series * _least_v(found, name) for name, v in volts.items()):
+    told = found.base.lab.form_told
+    if any(v < series * _LEAST.get(name, LEAST_V) * share_asked(name, told) for name, v in volts.items()):
         return False
     if volts.get("ocv-shape", np.inf) < _BEYOND * series * found.base.lab.bend_sd_v:
         return False
     return all(earned >= found.needed(name) - behind for name, earned in found.earned(names).items())
-
-
-def _least_v(found: Search, name: str) -> float:
-    """What a member has to add to the voltage of a cell. [V]"""
-    told = found.base.lab.form_told and name in STRUCTURAL - _PASSING
-    return _LEAST.get(name, LEAST_V) * (TOLD_SHARE if told else 1.0)
 
 
 def _price(found: Search, names: Names) -> float:

@@ -52,9 +52,7 @@ def test_a_right_equation_gains_by_it_and_a_mimic_that_lives_by_its_form_does_no
 
     def gain(name):
         at = found.fitted(frozenset({name}))
-        return exactness(
-            at.curvature, at.joint.known, (at.x - at.joint.unknowns.start) / at.joint.scale, at.joint.forms
-        )
+        return exactness(at.curvature, at.joint.known, at.joint.unknowns.pulls(at.x)[0], at.joint.forms)
 
     assert gain(right).nats(1.0) > 3.0
     assert gain(mimic).nats(1.0) < 0.0

@@ -13,8 +13,8 @@ from bhm_service.units import Value
 _WH_PER_KG = 160.0  # of a drone pack with its wrapping
 _SPECIFIC_HEAT = 1000.0  # [J/(kg K)] of a LiPo pouch, 900-1100
 # [W/K] of a pack of two kilograms, on a tenth of a square metre: 8 in the propellers' wash (80 W/m2/K), 1 in still air
-# (10 with its radiation), 0.5 in a bay with foam around it. One and two standard deviations of the logarithm: a factor
-# of two and of four.
+# (10 with its radiation), 0.5 in a bay with foam around it. A fit knows its logarithm: a standard deviation of as much
+# as itself is a factor of two, two of them are one of four.
 _CONDUCTANCE, _CONDUCTANCE_SD = 2.0, 1.0
 _USUAL_KG = 2.0
 
@@ -49,7 +49,7 @@ class SelfHeating(Effect):
         0.05,
         100.0,
         "heat that it gives to the air, per kelvin",
-        prior=(2.0, 2.0),
+        prior=(_CONDUCTANCE, _CONDUCTANCE_SD * _CONDUCTANCE),
         source="0.5 (closed bay) to 8 W/K (in the wash) at 2 kg",
     )
     ambient: Value = parameter(
