@@ -87,7 +87,7 @@ def sentence(
     elif verdict == "ambiguous":
         others = [_titles(ids) for ids in findings.alternatives]
         shown = [t for t in (named, *others[:3]) if t]
-        more = f", or one of {len(others) - 3} more" if len(others) > 3 else ""
+        more = f", or {len(others) - 3} more" if len(others) > 3 else ""
         text = f"The battery file leaves out physics, but these flights cannot tell which: {', or '.join(shown)}{more}"
         text += fit
     elif verdict == "sensor-suspect":
