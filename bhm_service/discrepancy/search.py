@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.alikeness import FlightSpread
 from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.fitting import Fitted, ProblemT, cost_of, fit, one_step
@@ -363,8 +364,13 @@ def _largest(found: Search) -> Names:
 
 
 def _begun(found: Search, candidate: Candidate, largest: Names) -> Candidate:
-    """The candidate from its likeliest flight on, beside the largest effect."""
-    at = found.fitted(largest - {candidate.id})
+    """The candidate from its likeliest flight on, beside the largest effect.
+
+    A driver that nobody recorded may be what it likes in every flight: beside it no mimic shows where it began, nor can
+    one stand beside it. So a mimic is looked at in its place.
+    """
+    hidden = {c.id for c in found.candidates if c.inferred and candidate.id in EFFECTS[c.id].mimics}
+    at = found.fitted(largest - {candidate.id} - hidden)
 
     def gain(tried: Candidate) -> float:
         return _linear_gain(at, replace(at.joint, members=(*at.joint.members, tried)), tried)

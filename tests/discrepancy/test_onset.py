@@ -20,13 +20,13 @@ CONTACT, OHM = frozenset({"contact-resistance"}), 0.012
 NAMES = {"contact-resistance", "resistance-growth", "capacity-fade", "voltage-offset", "charge-transfer"}
 
 
-def worn(there: Sequence[bool]) -> Search:
+def worn(there: Sequence[bool], names: set[str] = NAMES) -> Search:
     """A search over flights of which some have a worn connector."""
     flights = [
         flown([EFFECTS["contact-resistance"](resistance=OHM)] if is_there else [], seed=5, number=k)
         for k, is_there in enumerate(there)
     ]
-    return search(base(flights), catalogue(flights, only=NAMES))
+    return search(base(flights), catalogue(flights, only=names))
 
 
 @pytest.mark.parametrize(("there", "first"), [((0, 0, 1, 1, 1), 2), ((1, 1, 1, 1), 0)])
@@ -43,6 +43,13 @@ def test_a_connector_is_worn_from_the_flight_on_from_which_it_is(there, first):
         "contact-resistance", values_of(fitted, "contact-resistance"), fitted.joint.lab, found.base.flights, ()
     )
     assert ("from flight 02 on" in size(scene)) is bool(first)
+
+
+def test_a_temperature_that_nobody_recorded_does_not_hide_from_which_flight_on():
+    """As warm as it needs to be in each flight, it does what the connector does: no onset shows beside that."""
+    found = worn((0, 0, 1, 1, 1), NAMES | {"resistance-temperature"})
+    assert select(found).names == CONTACT
+    assert first_flight(found.fitted(CONTACT).joint.members[0]) == 2
 
 
 @pytest.mark.parametrize(("ahead_by", "first"), [(11.5, 3), (11.0, 0)])
