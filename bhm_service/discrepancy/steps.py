@@ -14,6 +14,7 @@ import numpy as np
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.candidate import Candidate, Unknown
 from bhm_service.discrepancy.fitting import Fitted
+from bhm_service.discrepancy.noise import doubt_of_alike
 from bhm_service.units import Array
 
 _ID = "intermittent-contact"
@@ -57,10 +58,12 @@ def _in_flight(fitted: Fitted, flight: int) -> list[Episode]:
     gram = shapes @ shapes.T
     times = np.append(data.time_s[starts], data.time_s[-1] + 1.0)
     found: list[Episode] = []
-    price = 2.0 * np.log(starts.size)
+    price, alike = 2.0 * np.log(starts.size), doubt_of_alike(len(fitted.joint.flights))
     for _ in range(_EPISODES):
         score = shapes @ e
         gains, sizes = _pairs(score, gram, times, shortest_s)
+        # One flight's: what a model gets wrong alike in all of them is in all of them.
+        gains *= alike
         first, last = np.unravel_index(int(np.argmax(gains)), gains.shape)
         nats = float(gains[first, last]) - price
         if nats < _NATS:

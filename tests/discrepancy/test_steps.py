@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from discrepancy.flown import base, flown, noise_model, with_members
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.fitting import fit
+from bhm_service.discrepancy.noise import doubt_of_alike
 from bhm_service.discrepancy.steps import contact_candidate, episodes
 
 KIND = EFFECTS["intermittent-contact"]
@@ -20,6 +23,14 @@ def three(bad, begin, end, milliohm=10.0):
         flown([KIND(resistance=1e-3 * milliohm, begin=begin, end=end)] if k == bad else (), seed=5, number=k)
         for k in range(3)
     ]
+
+
+@pytest.mark.parametrize("flights", [3, 9])
+def test_how_many_flights_had_none_says_nothing_against_an_episode(flights):
+    """What a model gets wrong alike in many flights is not what one of them has alone."""
+    others = [flown(seed=5, number=k) for k in range(3, flights)]
+    found = episodes(fit(base([*three(1, 250.0, 520.0, 2.5), *others]), replace(NOISE, doubt=doubt_of_alike(flights))))
+    assert [e.flight for e in found] == [1]
 
 
 NOT_YET = pytest.mark.xfail(strict=True, reason="the fit beforehand bends to a step as large as the pack's resistance")
