@@ -6,11 +6,13 @@ of what shows in no other (the one worn pack among new ones), from its first qua
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from bhm_service.discrepancy.candidate import Candidate
+from bhm_service.battery.effects.contact import IntermittentContact
+from bhm_service.discrepancy.candidate import Candidate, Unknown
 from bhm_service.discrepancy.fitting import Fitted, fit
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.joint import Joint
@@ -190,7 +192,21 @@ def predicted_from_quarter(joint: Joint, learnt: Fitted | None, index: int, nois
     moving = [*seen.per_flight, *([] if learnt is None else _untold(learnt))]
     own = fit(seen, noise, x, rounds=6, moving=moving)
     full = subset(replace(joint, flights=_put(joint.flights, index, _alone(data))), [index])
-    return np.asarray(full.predicted(own.x[None, :], 0).voltage[0])
+    foreseen = own.x.copy()
+    for u in _not_begun(full.members, float(quarter.time_s[-1])):
+        foreseen[full.unknowns.slice_of(u.name)] = u.declared.absent
+    return np.asarray(full.predicted(foreseen[None, :], 0).voltage[0])
+
+
+def _not_begun(members: Sequence[Candidate], until_s: float) -> list[Unknown]:
+    """The sizes of what begins later in the one flight: that it will is known from having seen it only."""
+    late = {
+        key
+        for member in members
+        for key, kind in member.parts
+        if kind is IntermittentContact and member.fixed[f"{key}.begin"][0] > until_s
+    }
+    return [u for member in members for u in member.amplitudes() if u.effect in late]
 
 
 def _untold(learnt: Fitted) -> list[str]:

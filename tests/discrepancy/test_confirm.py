@@ -12,6 +12,7 @@ from discrepancy.unrecorded import days, warmed
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.confirm import Unseen, harmful, held_out, predicted_from_quarter
 from bhm_service.discrepancy.sidecar import Notes
+from bhm_service.discrepancy.steps import Episode, contact_candidate
 
 FADE = frozenset({"capacity-fade"})
 FLIGHTS = four("capacity-fade", seed=3)
@@ -89,6 +90,19 @@ def test_the_one_worn_pack_among_new_ones_shows_in_its_own_first_quarter():
     worn = held_out(Unseen(searching(flights, growth)), growth).flights[-1]
     assert worn.rmse(worn.before_v) > 0.1
     assert worn.rmse(worn.after_v) < 0.2 * worn.rmse(worn.before_v)
+
+
+@pytest.mark.parametrize(("begin", "foreseen"), [(100.0, True), (400.0, False)])
+def test_a_contact_that_goes_bad_later_is_not_foreseen(begin, foreseen):
+    """Its time is known from having seen it; of one that is bad already the size is told by the first quarter."""
+    contact, name = EFFECTS["intermittent-contact"], frozenset({"intermittent-contact"})
+    flights = [flown([contact(resistance=0.010, begin=begin, end=800.0)] if k == 1 else (), number=k) for k in range(3)]
+    found = searching(flights, frozenset())
+    found.candidates = (contact_candidate([Episode(1, begin, 800.0, 0.010, 10.0, open_end=False)], 3),)
+    unseen = Unseen(found)
+    does = np.abs(unseen.by(name)[1] - unseen.by(frozenset())[1])[flights[1].airborne].max()
+    assert (does > 0.05) == foreseen
+    assert not harmful(unseen, name)
 
 
 @pytest.mark.parametrize(("pulled", "told"), [(0.5, False), (2.5, True)])
