@@ -3,7 +3,8 @@
 An addition has to lower the error on unseen pieces by a twentieth, and both halves of the recordings must agree on its
 size. Where they do not, it has to lower that error by a quarter if it is over with a piece, and to foretell every
 recording under load better by the others if it may last for longer: what is known only loosely of its size stands in
-its standard deviations. What is over within seconds is judged by the error from one sample to the next alone.
+its standard deviations. What is over within seconds is judged by the error from one sample to the next alone. That
+resistance follows temperature, and by how much, is known of lithium-ion cells before: it joins unless it does harm.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ _MUCH_BETTER = 0.75  # of the error without it: no chance, whatever two halves h
 _WARM_K = 5.0  # a temperature that moves less tells nothing of resistance
 
 _FAST, _FULL, _SLOW = "charge transfer within seconds", "resistance near full charge", "slow diffusion"
-_WARM = "resistance that follows temperature"
+_WARM, _HOUR, _CURVE = "resistance that follows temperature", "diffusion over an hour", "open-circuit curve"
 _CURVES = ("a spline", "the paper's cubic capacitance")
 
 Progress = Callable[[str], None]
@@ -57,10 +58,7 @@ def choose(
             elif better and not joins:
                 joins, foreseen = foretells(best, candidate)
                 loosely = f", its size loosely told; {foreseen}" if foreseen else loosely
-            said[what] = (
-                f"{what}: {'joins' if joins else 'left out'}; unseen pieces are off by {1e3 * by_it.typical:.1f} mV "
-                f"with it, {1e3 * error.typical:.1f} mV without{loosely}"
-            )
+            said[what] = _judged(what, by_it, error, joins=joins) + loosely
             judged[what] = best.extras
             if joins:
                 best, error = candidate, by_it
@@ -76,32 +74,49 @@ def choose(
             f"recordings foretold by the others are off by {_listed(by_two)} mV with it, {_listed(by_one)} mV without"
         )
 
-    def with_an_hour(best: Family, error: Unseen, said: list[str]) -> tuple[Family, float, list[str]]:
+    def with_an_hour(best: Family, error: Unseen, said: dict[str, str]) -> tuple[Family, Unseen, dict[str, str]]:
         if not best.extras.slow:
-            return best, error.rms, said
+            return best, error, said
         slower = best.with_extras(replace(best.extras, slower=True))
-        progress(f"{best.name}: diffusion over an hour")
+        progress(f"{best.name}: {_HOUR}")
         joins, foreseen = foretells(best, slower)
         if not foreseen:
-            return best, error.rms, said
-        remark = f"diffusion over an hour beside it: {'joins' if joins else 'left out'}; {foreseen}"
+            return best, error, said
         if joins:
             best, error = slower, unseen(slower, "pieces that the fit does not see")
-        return best, error.rms, [*said, remark]
+        return best, error, said | {_HOUR: f"{_HOUR} beside it: {'joins' if joins else 'left out'}; {foreseen}"}
+
+    def with_warmth(best: Family, error: Unseen, said: dict[str, str]) -> tuple[Family, float, list[str]]:
+        # Last: warmth grows with the charge drawn, so it would stand in for what is slow and has not joined yet.
+        if _WARM in _additions(best, experiments):
+            warm = best.with_extras(replace(best.extras, temperature=True))
+            by_it = unseen(warm, _WARM)
+            joins = by_it.typical < error.typical
+            said = said | {_WARM: _judged(_WARM, by_it, error, joins=joins)}
+            if joins:
+                best, error = warm, by_it
+        return best, error.rms, list(said.values())
 
     if not (isinstance(family, CircFamily) and any_curve):
-        best, error, told = with_additions(family, "")
-        return with_an_hour(best, error, list(told.values()))
+        return with_warmth(*with_an_hour(*with_additions(family, "")))
     # Slow diffusion that is missing passes for a fault of the curve: the cubic begins with what the spline needs.
     spline = with_additions(family, ", spline")
     cubic = with_additions(replace(family, ocv="cubic", extras=spline[0].extras), ", the paper's cubic")
     by_spline, by_cubic = spline[1].typical, cubic[1].typical
     best, error, told = (*cubic[:2], spline[2] | cubic[2]) if by_cubic <= by_spline else spline
-    said = (
-        f"open-circuit curve: {_CURVES[best is cubic[0]]}; "
+    curve = (
+        f"{_CURVE}: {_CURVES[best is cubic[0]]}; "
         f"unseen pieces are off by {1e3 * by_spline:.1f} mV with a spline, {1e3 * by_cubic:.1f} mV with the cubic"
     )
-    return with_an_hour(best, error, [said, *told.values()])
+    return with_warmth(*with_an_hour(best, error, {_CURVE: curve} | told))
+
+
+def _judged(what: str, by_it: Unseen, error: Unseen, *, joins: bool) -> str:
+    """What came of an addition, in words."""
+    return (
+        f"{what}: {'joins' if joins else 'left out'}; unseen pieces are off by {1e3 * by_it.typical:.1f} mV with it, "
+        f"{1e3 * error.typical:.1f} mV without"
+    )
 
 
 def _better(what: str, by_it: Unseen, error: Unseen) -> bool:
@@ -133,7 +148,8 @@ def _additions(family: Family, experiments: Sequence[Experiment]) -> dict[str, C
         found[_SLOW] = lambda e: replace(e, slow=True)
     kelvin = [e.temperature_k for e in experiments if e.temperature_k is not None]
     if len(kelvin) == len(experiments) and not family.extras.temperature:
-        everything = np.concatenate(kelvin)
-        if float(np.quantile(everything, 0.98) - np.quantile(everything, 0.02)) > _WARM_K:
+        # Each recording by itself, as a fit counts them: next to a slow discharge all others are a few samples.
+        spans = np.array([np.quantile(k, (0.02, 0.98)) for k in kelvin])
+        if float(spans.max() - spans.min()) > _WARM_K:
             found[_WARM] = lambda e: replace(e, temperature=True)
     return found

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
 from bhm_service.battery.battery_file import Joined, ModelName
 from bhm_service.battery.effects import DoubleLayer, Effect, FullChargeResistance, ResistanceTemperature, SlowDiffusion
+from bhm_service.battery.parameters import parameters_of
 from bhm_service.identification.unknowns import Block, numbers, positive
 from bhm_service.units import Array
 
@@ -40,7 +41,7 @@ class Extras:
         rate = OHM_C / ohm
         found = []
         if self.temperature:
-            found.append(numbers("activation_energy", np.array([20.0]), 8.0, 19.0))
+            found.append(_as_declared(ResistanceTemperature, "activation_energy"))
         if self.slow:
             found.append(positive("slow_resistance", 0.5 * ohm, 1e-3 * ohm, 10.0 * ohm, 4.0))
             found.append(positive("slow_time", 200.0, 15.0, 5000.0, 3.0))
@@ -91,6 +92,14 @@ class Extras:
             spread = {"exchange_current": sd["fast_current"], "time_constant": sd["fast_time"]}
             found.append(Joined(effect=effect, model=model, sd=spread))
         return tuple(found)
+
+
+def _as_declared(effect: type[Effect], name: str) -> Block:
+    """A number of an effect with the range and the prior that the effect declares, in its unit."""
+    (told,) = (p for p in parameters_of(effect) if p.name == name)
+    assert told.prior is not None
+    mean, sd = told.prior
+    return replace(numbers(name, np.array([mean]), sd, np.inf), low=np.array([told.low]), high=np.array([told.high]))
 
 
 def _one(values: Array) -> float:

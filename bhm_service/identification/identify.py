@@ -97,7 +97,7 @@ def identify(request: Request, progress: Progress = lambda _: None) -> Identifie
 
 def steps(request: Request) -> int:
     """How often `identify` will report progress, at most."""
-    per_model = 16 if request.method == "trf" else 5
+    per_model = 17 if request.method == "trf" else 5
     return 1 + len(request.models) * (per_model + bool(request.held_out)) + 7 * ("circ" in request.models)
 
 

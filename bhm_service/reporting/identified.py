@@ -191,7 +191,7 @@ def open_questions(result: ModelResult) -> list[str]:
     found = []
     if result.not_told:
         listed = ", ".join(names.get(n, n) for n in result.not_told)
-        found.append(f"not told by these recordings, so left where it was assumed: {listed}")
+        found.append(f"not told by these recordings, so left near what was assumed: {listed}")
     found += [
         f"{names.get(a, a)} and {names.get(b, b)} are not told apart: only their combination is "
         f"(correlation {share:+.2f})"

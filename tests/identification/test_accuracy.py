@@ -116,7 +116,7 @@ def test_two_rates_of_a_drone_pouch_foretell_two_others(lab: Path) -> None:
 
 
 def test_slow_one_c_and_pulses_of_a_real_cell_foretell_drive_cycles(lab: Path) -> None:
-    """The goal is 15 mV, missed on US06: by Circ by a little, by Chem's structure too; a crude one-RC model has 25."""
+    """The goal is 15 mV, which Chem's structure misses on US06 (its best, fitted to that, is 15.6)."""
     folder = lab / "panasonic_18650pf"
     fitted = {"c20_ocv": Kind.SLOW, "dis1C_start_1": Kind.ONE_C, "hppc_lite": Kind.PULSES}
     found = identify(
@@ -128,7 +128,7 @@ def test_slow_one_c_and_pulses_of_a_real_cell_foretell_drive_cycles(lab: Path) -
             series=1,
         )
     )
-    for model, most in {"circ": 0.017, "chem": 0.025}.items():
+    for model, most in {"circ": 0.015, "chem": 0.025}.items():
         cycle, us06 = errors(found, model, unseen=True).values()
         assert cycle < 0.015
         assert us06 < most

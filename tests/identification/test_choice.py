@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from battery.cells import CAPACITY_C, CURVE, circ
@@ -151,6 +153,33 @@ def test_what_is_loosely_told_joins_where_it_foretells_every_recording(
 def test_a_cold_cell_joins_the_effect_of_temperature_only_where_resistance_follows_it(effects, joins):
     family, _, _ = chosen(bench(*effects, kelvin=REFERENCE_TEMPERATURE_K - 20.0))
     assert family.extras.temperature is joins
+
+
+def test_temperature_that_moves_in_one_recording_only_is_asked():
+    slow_, _, variable_ = (_steady(e) for e in bench())
+    _, one_c_, _ = bench(COLD, kelvin=REFERENCE_TEMPERATURE_K - 5.5)
+    # A few samples next to the others', as a one-C discharge is next to a slow one.
+    family, _, remarks = chosen((slow_, one_c_.thinned(40), variable_))
+    assert family.extras.temperature
+    assert any("follows temperature: joins" in said for said in remarks)
+
+
+def _steady(run):
+    return replace(run, temperature_k=np.full(run.time_s.size, REFERENCE_TEMPERATURE_K))
+
+
+@pytest.mark.parametrize(("with_it_mv", "joins"), [(4.99, True), (5.01, False)])
+def test_temperature_is_known_before_and_joins_unless_it_does_harm(monkeypatch, with_it_mv, joins):
+    def pieces(problem):
+        warm = problem.family.extras.temperature
+        off = 1e-3 * (with_it_mv if warm else 5.0)
+        return Unseen(off, off, 0.001, not warm, not warm)
+
+    monkeypatch.setattr("bhm_service.identification.choice.unseen_error", pieces)
+    monkeypatch.setattr("bhm_service.identification.choice.foretold", lambda _: [0.005, 0.005])
+    family, _, remarks = chosen(bench(kelvin=REFERENCE_TEMPERATURE_K - 20.0))
+    assert family.extras.temperature is joins
+    assert any(f"follows temperature: {'joins' if joins else 'left out'}" in said for said in remarks)
 
 
 def test_temperature_that_hardly_moves_is_not_even_asked():
