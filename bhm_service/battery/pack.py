@@ -66,6 +66,7 @@ class PackModel:
         self._adding = self._with("extra_voltage")
         self._resisting = self._with("series_resistance")
         self._sensing = self._with("measured_voltage")
+        self._uneven = self._with("odd_cell")
         self.has_feedback = any(effect.feedback for effect in self.effects)
 
     def _with(self, hook: str) -> list[tuple[Effect, slice]]:
@@ -213,6 +214,23 @@ class PackModel:
         for effect, _ in self._sensing:
             total = effect.measured_voltage(total)
         return total
+
+    def below_average(self, states: Array, current: Value, temperature: Value | None = None) -> Value:
+        """By what the pack would read less if all its cells were like the lowest [V]; arguments as for `voltage`."""
+        if not self._uneven:
+            return 0.0
+        columns = _columns(states)
+        drawn = self.true_current(current)
+        known = self._known(columns, temperature)
+        by = self._modifiers(columns, known, drawn / self.parallel)
+        now = self._instant(columns, drawn / self.parallel, known, by)
+        below: Value = 0.0
+        for effect, where in self._uneven:
+            odd = effect.odd_cell(columns[where], now)
+            # All like the one that is low, or like the others of one that is high.
+            others = self.series - 1
+            below = below + others * np.maximum(-odd, odd / max(others, 1))
+        return below
 
     def true_current(self, current: Value) -> Value:
         """Current that flows when ``current`` is read. [A]"""

@@ -34,7 +34,7 @@ class Limits:
     """What ends a flight."""
 
     threshold_soc: float
-    cutoff_v: float  # of the pack, under load
+    cutoff_v: float  # of the pack, under load, if all its cells are like the lowest
 
 
 def end_of_discharge(
@@ -70,7 +70,7 @@ def end_of_discharge(
     power = np.maximum(power_w, 1e-3)
 
     current, deliverable = pack.current_at_power(states, power, power / _nominal_v(pack), temperature_k)
-    voltage = power / current
+    voltage = power / current - pack.below_average(states, current, temperature_k)
     _mark(ended_at, ending, ~deliverable, elapsed, _POWER)
     _mark(ended_at, ending, voltage <= limits.cutoff_v, elapsed, _VOLTAGE)
     _mark(ended_at, ending, states[:, 0] <= limits.threshold_soc, elapsed, _SOC)
@@ -96,7 +96,7 @@ def end_of_discharge(
             heading = now
             moved = pack.step(states, dt, current, heading, temperature_k)
             now, deliverable = pack.current_at_power(moved, power, heading, temperature_k)
-        falls_to = power / now
+        falls_to = power / now - pack.below_average(moved, now, temperature_k)
 
         fell = (falls_to <= limits.cutoff_v) & (voltage > limits.cutoff_v)
         fell &= elapsed < ended_at
@@ -155,7 +155,7 @@ class _Crossing:
             for _ in range(2):
                 moved = pack.step(self.states, share, self.current, now, temperature_k)
                 now, _ = pack.current_at_power(moved, power, now, temperature_k)
-            at_share = power / now - cutoff_v
+            at_share = power / now - pack.below_average(moved, now, temperature_k) - cutoff_v
             above = at_share > 0.0
             low, at_low = np.where(above, share, low), np.where(above, at_share, at_low)
             high, at_high = np.where(above, high, share), np.where(above, at_high, at_share)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from battery.cells import CAPACITY_C, chem, circ
@@ -66,7 +68,6 @@ JOINED = [
     [UnseenLoad(current=2.5)],
     [CurrentGain(gain=0.1), VoltageGain(gain=-0.01)],
     [RateCapacity(exponent=1.06)],
-    [WeakCell(loss=0.15, resistance=0.3)],
     [Hysteresis(amplitude=0.02, begin=-1.0)],
     [ResistanceTemperature(activation_energy=22e3), SelfHeating(heat_capacity=2e3, conductance=4.0, ambient=278.0)],
 ]
@@ -79,6 +80,34 @@ def test_it_agrees_with_steps_of_one_second_whatever_has_joined_the_pack(effects
     power = np.linspace(600.0, 1400.0, 8)
     times, _ = end_of_discharge(pack, states, power, LIMITS)
     np.testing.assert_allclose(times, second_by_second(pack, states, power, LIMITS), atol=0.5)
+
+
+def test_the_weakest_cell_ends_the_flight():
+    """Beside it the same cells apart: five as they are, one of less capacity, under the one current that all share."""
+    loss, limits = 0.22, Limits(threshold_soc=0.05, cutoff_v=6 * 3.3)
+    pack = PackModel(circ(), 6, 3.0, [WeakCell(loss=loss)])
+    others = PackModel(circ(), 5, 3.0)
+    weak = PackModel(replace(circ(), c_max=CAPACITY_C * (1.0 - loss)), 1, 3.0)
+    powers = np.array([400.0, 700.0])
+    ends = []
+    for power in powers:
+        strong_state, weak_state = np.array(others.rest(0.9)), np.array(weak.rest(0.9))
+        current, elapsed = power / 24.0, 0.0
+        while True:
+            volts = float(others.voltage(strong_state, current)), float(weak.voltage(weak_state, current))
+            if volts[1] < limits.cutoff_v / 6 or strong_state[0] < limits.threshold_soc:
+                break
+            current = power / sum(volts)
+            strong_state, weak_state = others.step(strong_state, 1.0, current), weak.step(weak_state, 1.0, current)
+            elapsed += 1.0
+        ends.append(elapsed)
+    times, endings = end_of_discharge(pack, np.tile(np.array(pack.rest(0.9), dtype=float), (2, 1)), powers, limits)
+    as_one, _ = end_of_discharge(
+        PackModel(circ(), 6, 3.0), np.tile(np.array(others.rest(0.9), dtype=float), (2, 1)), powers, limits
+    )
+    assert [ENDINGS[k] for k in endings] == [Ending.VOLTAGE] * 2
+    np.testing.assert_allclose(times, ends, rtol=0.03)
+    assert np.all(times < 0.95 * as_one)
 
 
 @pytest.mark.parametrize("cell", CELLS, ids=NAMES)

@@ -141,6 +141,10 @@ class Effect(Physics):
         """Resistance added to the pack's, whose drop follows the current at once [Ohm]."""
         return 0.0
 
+    def odd_cell(self, state: tuple[Value, ...], now: Instant) -> Value:
+        """By what the voltage of one cell of the pack is above that of the others. [V]"""
+        return 0.0
+
     def measured_voltage(self, voltage: Value) -> Value:
         """What the sensor reads [V] when the pack has ``voltage``; a straight line."""
         return voltage

@@ -48,3 +48,6 @@ class WeakCell(Effect):
 
     def series_resistance(self, state: tuple[Value, ...], now: Instant) -> Value:
         return self.resistance * now.cell.ohmic_resistance(now.by) / now.parallel
+
+    def odd_cell(self, state: tuple[Value, ...], now: Instant) -> Value:
+        return self.extra_voltage(state, now) - self.series_resistance(state, now) * now.current
