@@ -76,14 +76,19 @@ def _entropic(scene: Scene, factor: float) -> None:
 
 
 def _aged(scene: Scene, amount: float) -> tuple[Array, bool]:
-    """Amount at each flight, and whether it grows with cycles that the sidecar shows."""
+    """Amount at each flight, all of it at the oldest that is shown, and whether it grows with cycles in the sidecar."""
     if scene.sheet.ages_recorded and scene.rng.random() < 0.6:
         cycles = scene.cycles
         if cycles is None:
             cycles = np.floor(np.sort(scene.rng.uniform(1.0, 300.0, scene.flights)))
         scene.cycles = cycles
-        return amount * cycles / float(cycles.max()), True
+        return amount * cycles / _oldest(scene, cycles), True
     return np.full(scene.flights, amount), False
+
+
+def _oldest(scene: Scene, cycles: Array) -> float:
+    """Cycles of the oldest flight that is shown."""
+    return float(max(c for f, c in enumerate(cycles) if f != scene.sheet.kept_back))
 
 
 def _capacity_fade(scene: Scene, amount: float) -> None:
@@ -91,19 +96,19 @@ def _capacity_fade(scene: Scene, amount: float) -> None:
     scene.cells(capacity=scene.knobs.cells.capacity * (1.0 - lost[:, None]))
     if scene.sheet.world == "porous":
         scene.permitted.append("resistance-growth")  # its cell is smaller: the same current goes through less area
-    scene.tell("capacity_lost", amount, "fraction at the oldest flight")
+    scene.tell("capacity_lost", amount, "fraction at the oldest flight shown")
     _tell_cycles(scene, amount, grows)
 
 
 def _tell_cycles(scene: Scene, amount: float, grows: bool) -> None:
     if grows and scene.cycles is not None:
-        scene.tell("per_cycle", amount / float(scene.cycles.max()), "fraction per cycle")
+        scene.tell("per_cycle", amount / _oldest(scene, scene.cycles), "fraction per cycle")
 
 
 def _resistance_growth(scene: Scene, amount: float) -> None:
     more, grows = _aged(scene, amount)
     scene.cells(resistance=scene.knobs.cells.resistance * (1.0 + more[:, None]))
-    scene.tell("growth", amount, "fraction at the oldest flight")
+    scene.tell("growth", amount, "fraction at the oldest flight shown")
     _tell_cycles(scene, amount, grows)
     scene.accept = None if grows else ("resistance-growth", "contact-resistance")
 

@@ -89,11 +89,12 @@ def _climb(scene: Scene, share: float) -> None:
 
 
 def _efficiency(scene: Scene, lost: float) -> None:
-    trend = lost * np.linspace(0.0, 1.0, scene.flights)
+    passed = np.linspace(0.0, 1.0, scene.flights)
+    trend = lost * passed / max(p for f, p in enumerate(passed) if f != scene.sheet.kept_back)
     if scene.sheet.ages_recorded and scene.cycles is None:
         scene.cycles = np.round(np.linspace(10.0, 200.0, scene.flights))
     scene.demand(efficiency=scene.knobs.demand.efficiency * (1.0 - trend))
-    scene.tell("lost", lost, "fraction at the last flight")
+    scene.tell("lost", lost, "fraction at the last flight shown")
 
 
 # ---- outside the catalogue ------------------------------------------------------------------------------------------

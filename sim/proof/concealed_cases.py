@@ -26,7 +26,6 @@ from sim.proof.shared_cases import first_stamp_s
 
 _SERIES = 6
 _ZERO_CELSIUS_K = 273.15
-_KEPT_BACK = 0x4B42  # a stream of its own: which flight is kept back moves nothing else
 
 
 def _as_it_is(value: float) -> float:
@@ -82,14 +81,15 @@ class ConcealedCase:
 
 
 def concealed(name: str, seed: int, cases: int) -> list[Batch]:
-    """A suite of the concealed world."""
-    dice = np.random.default_rng([seed, _KEPT_BACK])
-    drawn: list[Batch] = []
-    for sheet in draw_suite(name, seed, cases):
-        shown = sheet.flights
-        kept = int(dice.integers(shown + 1))
-        drawn.append(ConcealedCase(replace(sheet, flights=shown + 1, kept_back=kept), kept))
-    return drawn
+    """A suite of the concealed world.
+
+    Kept back is the flight that comes next: a repaired battery is that of the pack as it is by now. On a flight from
+    before it aged, or before a contact went bad, it would be wrong where it is right.
+    """
+    return [
+        ConcealedCase(replace(sheet, flights=sheet.flights + 1, kept_back=sheet.flights), sheet.flights)
+        for sheet in draw_suite(name, seed, cases)
+    ]
 
 
 def answer_of(truth: Truth, held: int, starts_s: Mapping[str, float]) -> Answer:

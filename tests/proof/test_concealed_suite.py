@@ -77,6 +77,7 @@ def test_a_suite_is_the_same_for_a_seed_and_another_for_another():
     assert drawn[0] == drawn[1]
     assert drawn[0] != drawn[2]
     assert {case.sheet.flights for case in drawn[0]} == {7}
+    assert {(case.held, case.sheet.kept_back) for case in drawn[0]} == {(6, 6)}  # the one that comes next
     assert SUITES["exam"].cases >= 300
     nulls = [c for c in concealed("exam", 5, SUITES["exam"].cases) if not c.sheet.effects]
     assert len(nulls) >= 100
