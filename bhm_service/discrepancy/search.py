@@ -36,6 +36,9 @@ COMPANIONS = frozenset({"core-lag", "entropic-voltage", "cold-capacity"})
 # A course over the charge that is free at every knot follows nearly anything: only where no equation comes near it.
 FREE = frozenset({"ocv-shape", "resistance-shape"})
 _FREE_NATS = 60.0
+# What no cell is without, by a size that is known before: where what drives it was recorded, the battery file lacks a
+# law, not a thing that may have happened to the pack. That it holds needs no long odds, only that these flights show it.
+LAWS = frozenset({"resistance-temperature"})
 # Of what is asked of these, where what the structure gets wrong in the lab is known and taken off already.
 _TOLD_SHARE = 0.6
 _TOLD = STRUCTURAL - {"time-skew"}  # no lab sees what relaxes faster than it samples
@@ -130,7 +133,12 @@ class Search:
 
     def needed(self, name: str) -> float:
         """What a member of a set has to earn on these flights. [nats]"""
-        return needed(name, self.base.lab.form_told)
+        return STRONG if name in self.laws else needed(name, self.base.lab.form_told)
+
+    @property
+    def laws(self) -> Names:
+        """The laws among the candidates, of which these flights tell what drives them."""
+        return frozenset(c.id for c in self.candidates if c.id in LAWS and not c.inferred)
 
     @property
     def structural(self) -> float:

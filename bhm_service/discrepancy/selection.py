@@ -180,7 +180,9 @@ def _explains(found: Search, names: Names) -> bool:
     whole, *others = _shares(found, names)
     earned = found.earned(names)
     members = [member.id for member in found.joint(names).members]
-    each = all(alone * earned[name] > NEAR for name, alone in zip(members, others, strict=True))
+    each = all(
+        alone * earned[name] > min(NEAR, found.needed(name)) for name, alone in zip(members, others, strict=True)
+    )
     finer = all(earned[name] >= found.structural for name in _opposed(found, names))
     return each and finer and (whole > MUCH or _credit(found, names) > _CLAIM_NATS)
 
@@ -207,6 +209,8 @@ def _claim(found: Search, names: Names) -> float:
 
     Where the lab told its model's form, what is left for chance is noise: no more than a member has to earn.
     """
+    if found.base.lab.form_told and names <= found.laws:
+        return STRONG
     return NATS if found.base.lab.form_told and not names & (STRUCTURAL | COMPANIONS) else _CLAIM_NATS
 
 

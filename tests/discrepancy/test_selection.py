@@ -144,6 +144,23 @@ def test_where_the_lab_told_its_form_equations_claim_what_a_member_has_to_earn(t
     assert select(found).names == chosen
 
 
+@pytest.mark.parametrize(("nats", "recorded", "chosen"), [(5.0, True, True), (2.0, True, False), (5.0, False, False)])
+def test_a_law_of_known_size_has_to_be_seen_only_where_what_drives_it_was_recorded(nats, recorded, chosen):
+    """That resistance follows temperature needs no long odds; a temperature that nobody recorded does."""
+    warmth = frozenset({"resistance-temperature"})
+    physics = [EFFECTS["resistance-temperature"](activation_energy=22e3)]
+    flights = [flown(physics, seed=5, number=k, kelvin=t) for k, t in enumerate(AMBIENT_K)]
+    flights = [f if recorded else replace(f, temperature_k=None) for f in flights]
+    found = searching(tuple(flights), warmth)
+    found.base = replace(found.base, lab=told_its_form(found.base.lab))
+    for names in (frozenset(), warmth):
+        found.fitted(names)
+    cost = found.fits[warmth].cost + 2.0 * found.inflation * (found.evidence(warmth) - nats)
+    found.fits[warmth] = replace(found.fits[warmth], cost=cost)
+    assert found.evidence(warmth) == pytest.approx(nats)
+    assert (select(found).names == warmth) is chosen
+
+
 def test_of_a_refuted_set_only_a_part_is_left_to_choose(both):
     best = both.evidence(FADE | CONTACT)
     assert max(both.evidence(FADE), both.evidence(CONTACT)) < best - NATS
