@@ -16,17 +16,24 @@ _FEWEST = 3  # flights
 def begun(candidate: Candidate, flights: int, gain: Callable[[Candidate], float], least: float) -> Candidate:
     """The candidate from its likeliest flight on, where it may begin with one and the flights pay for asking which.
 
-    ``gain`` is what a candidate is expected to add to an explanation of the others, ``least`` what a beginning has to
+    ``gain`` is what a candidate adds to an explanation of the others, ``least`` what a beginning has to
     earn beyond having been there from the first flight. [nats]
     """
+    tried = later(candidate, flights)
+    if not tried:
+        return candidate
+    gains = [gain(c) - c.price + candidate.price for c in tried]
+    best = int(np.argmax(gains))
+    return tried[best] if gains[best] > gain(candidate) + least else candidate
+
+
+def later(candidate: Candidate, flights: int) -> list[Candidate]:
+    """The candidate from each flight on but the first, having paid for the choice; none of what cannot begin."""
     names = onsets_of(candidate)
     if not names or flights < _FEWEST:
-        return candidate
+        return []
     price = float(np.log(flights - 1))
-    later = [_from(candidate, names, first, flights, price) for first in range(1, flights)]
-    gains = [gain(c) for c in later]
-    best = int(np.argmax(gains))
-    return later[best] if gains[best] - price > gain(candidate) + least else candidate
+    return [_from(candidate, names, first, flights, price) for first in range(1, flights)]
 
 
 def onsets_of(candidate: Candidate) -> list[str]:

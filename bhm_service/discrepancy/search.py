@@ -14,7 +14,7 @@ from bhm_service.discrepancy.fitting import Fitted, ProblemT, cost_of, fit, one_
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.marginal import likelier, likeliest
 from bhm_service.discrepancy.noise import MOST_DOUBT, SUDDEN, Noise, doubt_of_alike, estimated
-from bhm_service.discrepancy.onset import begun
+from bhm_service.discrepancy.onset import begun, later
 from bhm_service.discrepancy.slopes import Slopes
 from bhm_service.discrepancy.steps import contact_candidate, episodes
 from bhm_service.discrepancy.valleys import SKEW, fit_over_valleys
@@ -372,18 +372,36 @@ def _largest(found: Search) -> Names:
 
 
 def _begun(found: Search, candidate: Candidate, largest: Names) -> Candidate:
-    """The candidate from its likeliest flight on, beside the largest effect.
+    """The candidate from its likeliest flight on, beside the largest effect or in the place of its mimics there.
 
     A driver that nobody recorded may be what it likes in every flight: beside it no mimic shows where it began, nor can
-    one stand beside it. So a mimic is looked at in its place.
+    one stand beside it. And what grows, or is only there, may have been taken for what began.
     """
-    hidden = {c.id for c in found.candidates if c.inferred and candidate.id in EFFECTS[c.id].mimics}
-    at = found.fitted(largest - {candidate.id} - hidden)
+    mimics = frozenset(EFFECTS[candidate.id].mimics)
+    hidden = frozenset(c.id for c in found.candidates if c.inferred) & mimics
+    others = largest - {candidate.id} - hidden
+    places = [found.fitted(names) for names in dict.fromkeys((others, others - mimics))]
 
-    def gain(tried: Candidate) -> float:
-        return _linear_gain(at, replace(at.joint, members=(*at.joint.members, tried)), tried)
+    def beside(at: Fitted, tried: Candidate) -> Joint:
+        return replace(at.joint, members=(*at.joint.members, tried))
 
-    return begun(candidate, len(found.base.flights), gain, NATS)
+    def by_one_step(tried: Candidate) -> float:
+        return max(_linear_gain(at, beside(at, tried), tried) for at in places)
+
+    def by_fit(tried: Candidate) -> float:
+        # Without what is looked for, a fit may have bent the others and the lab's errors far: one step tells little.
+        found_ = []
+        for at in places:
+            joint = beside(at, tried)
+            there = fit(joint, at.noise, _carried(joint, at))
+            found_.append(there.evidence(found.inflation) - NATS * len(at.joint.members))
+        return max(found_)
+
+    flights = len(found.base.flights)
+    tried = later(candidate, flights)
+    if not tried or max(map(by_one_step, (candidate, *tried))) < NATS:
+        return candidate
+    return begun(candidate, flights, by_fit, NATS)
 
 
 def _grow(found: Search, depth: int, progress: Progress) -> None:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from discrepancy.flown import base, catalogue, flown
+from discrepancy.flown import base, catalogue, flown, told_its_form
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.onset import begun, first_flight
@@ -50,6 +51,23 @@ def test_a_temperature_that_nobody_recorded_does_not_hide_from_which_flight_on()
     found = worn((0, 0, 1, 1, 1), NAMES | {"resistance-temperature"})
     assert select(found).names == CONTACT
     assert first_flight(found.fitted(CONTACT).joint.members[0]) == 2
+
+
+@pytest.mark.parametrize("told", [False, True])
+def test_nor_do_larger_effects_that_took_it_for_their_own(told):
+    """Colder flights, and from the third on a worn connector: growth from flight to flight does nearly the same."""
+    warmth = frozenset({"resistance-temperature"})
+    flights = []
+    for k, kelvin in enumerate((300.0, 299.0, 290.0, 285.0, 284.0)):
+        physics = [EFFECTS["resistance-temperature"](activation_energy=22e3)]
+        physics += [EFFECTS["contact-resistance"](resistance=0.030)] if k > 1 else []
+        flights.append(flown(physics, seed=5, number=k, kelvin=kelvin))
+    pack = base(flights)
+    pack = replace(pack, lab=told_its_form(pack.lab)) if told else pack
+    found = search(pack, catalogue(flights, only=NAMES | warmth))
+    assert select(found).names == CONTACT | warmth
+    contact = next(c for c in found.candidates if c.id in CONTACT)
+    assert first_flight(contact) == 2
 
 
 @pytest.mark.parametrize(("ahead_by", "first"), [(11.5, 3), (11.0, 0)])
