@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bhm_service.battery.effects.contact import IntermittentContact
+from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.discrepancy.candidate import Candidate, Unknown
 from bhm_service.discrepancy.fitting import Fitted, fit
 from bhm_service.discrepancy.flights import FlightData
@@ -20,10 +21,13 @@ from bhm_service.discrepancy.noise import Noise
 from bhm_service.discrepancy.search import NATS, Names, Search
 from bhm_service.units import Array
 
+BRIEF = frozenset({TimeSkew.id, IntermittentContact.id})
 _SEEN = 0.25  # of a flight's samples
 _UNTOLD = 0.7  # of what was known before: flights that leave a size no better known do not tell it
 _FEWEST = 3  # flights
-_NO_WORSE = 1.005  # times the error of the battery as it is, on unseen flights
+# Times the error of the battery as it is, on unseen flights: what an explanation has to reach, as what is identified.
+_IMPROVED = 0.95
+_NO_WORSE = 1.005  # the same of what lasts for seconds, or begins when nobody can know
 _FAINT = 3.0  # times what a member has to earn
 _BETTER = 0.1  # of the error on unseen flights: a member whose removal brings this is no explanation
 
@@ -77,7 +81,7 @@ class Unseen:
     """Voltages of flights that no fit saw, from the others; each made once."""
 
     found: Search
-    _sets: dict[Names, list[Array]] = field(default_factory=dict, init=False)
+    _sets: dict[Names, list[Array]] = field(default_factory=dict)
     _bare: list[Array] = field(default_factory=list, init=False)
 
     def by(self, names: Names) -> list[Array]:
@@ -95,12 +99,12 @@ class Unseen:
 
 
 def harmful(unseen: Unseen, names: Names) -> bool:
-    """Whether the set predicts unseen flights worse than the battery as it is, or than it does without a member."""
+    """Whether the set predicts unseen flights no better than the battery as it is, or worse than without a member."""
     found = unseen.found
     if not names or len(found.base.flights) < _FEWEST:
         return False
     whole = _error(found, unseen.by(names))
-    if whole > _NO_WORSE * _error(found, unseen.as_it_is()):
+    if whole > (_NO_WORSE if names & BRIEF else _IMPROVED) * _error(found, unseen.as_it_is()):
         return True
     earned = found.earned(names)
     # Without a member that the flights ask for loudly, the lab's errors are bent far out to take its place.

@@ -9,12 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bhm_service.battery.effects.contact import IntermittentContact
 from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.discrepancy import verdict
 from bhm_service.discrepancy.bent_curve import bent_curve
 from bhm_service.discrepancy.changed_lag import changed_lag
-from bhm_service.discrepancy.confirm import Unseen, harmful
+from bhm_service.discrepancy.confirm import BRIEF, Unseen, harmful
 from bhm_service.discrepancy.crossing import Witness
 from bhm_service.discrepancy.decoys import contests
 from bhm_service.discrepancy.explanation import Contest, Left
@@ -29,7 +28,6 @@ from bhm_service.discrepancy.timing import timed
 
 _MOST_REFUTED = 8  # sets that are put to the test, the best first
 _SIGNIFICANT = 0.02  # over the whole catalogue
-_BRIEF = frozenset({TimeSkew.id, IntermittentContact.id})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,7 +87,7 @@ def told_from_lab(found: Search, names: Names) -> bool:
     a catalogue is always near. Where the lab told where it is off, and how far, an effect has beaten that already. And
     it lasts: what is there for seconds only is none of it, however little.
     """
-    return found.base.lab.form_told or verdict.beyond_lab(found) or bool(names & _BRIEF)
+    return found.base.lab.form_told or verdict.beyond_lab(found) or bool(names & BRIEF)
 
 
 def _witnessed(found: Search, earned: Mapping[str, float]) -> bool:

@@ -131,6 +131,25 @@ def test_a_single_effect_is_nobodys_harmful_companion():
     assert not harmful(Unseen(searching(FLIGHTS, FADE)), FADE)
 
 
+@pytest.mark.parametrize(
+    ("name", "share", "refused"),
+    [
+        ("capacity-fade", 0.97, True),
+        ("capacity-fade", 0.93, False),
+        ("time-skew", 0.97, False),
+        ("time-skew", 1.01, True),
+    ],
+)
+def test_what_explains_lowers_the_error_on_unseen_flights_by_a_twentieth(name, share, refused):
+    """A name that only fits, however well, is none; what lasts for seconds adds little to the error of a flight."""
+    unseen, names = Unseen(searching(FLIGHTS, frozenset({name}))), frozenset({name})
+    as_it_is = unseen.as_it_is()
+    measured = [f.voltage_v for f in FLIGHTS]
+    doctored = [v - share * (v - m) for v, m in zip(measured, as_it_is, strict=True)]
+    unseen = Unseen(unseen.found, {names: doctored, frozenset(): as_it_is})
+    assert harmful(unseen, names) is refused
+
+
 def test_a_companion_that_helps_is_not_harmful():
     both = frozenset({"capacity-fade", "resistance-growth"})
     assert not harmful(Unseen(searching(FLIGHTS, both)), FADE | {"resistance-growth"})
