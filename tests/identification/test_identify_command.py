@@ -80,7 +80,7 @@ def test_flights_alone_need_neither_cells_nor_capacity_told(data: Path, tmp_path
     assert battery.circ is not None
     assert not battery.left_open  # no lab has seen this pack
     assert "4.0 Ah, from BATT_CAPACITY" in said
-    assert "so left where it was assumed: capacity" in said
+    assert "so left near what was assumed: capacity" in said
 
 
 def test_flights_and_bench_recordings_do_not_mix(tmp_path: Path) -> None:

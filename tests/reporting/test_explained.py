@@ -156,9 +156,9 @@ def test_change_points_are_drawn_on_their_flights(done):
 @pytest.mark.parametrize(("alternatives", "said"), [([[RIVAL]], ", which one of its alternatives has"), ([], "")])
 def test_what_earned_less_than_is_asked_for_stands_by_a_likelier_alternative(done, alternatives, said):
     """Or by what the reader told it."""
-    less = [done.findings.effects[0].model_copy(update={"evidence_nats": 8.0})]
+    less = [done.findings.effects[0].model_copy(update={"evidence_nats": 2.0})]  # of a law that needs three
     page = outside(explained_page(saying(done, effects=less, alternatives=alternatives)))
-    assert f"8.0 nats beyond the best explanation without it; 10 are asked for{said}." in page
+    assert f"2.0 nats beyond the best explanation without it; 3 are asked for{said}." in page
 
 
 # ---- what else it could have been -----------------------------------------------------------------------------------
