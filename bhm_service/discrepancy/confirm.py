@@ -104,7 +104,7 @@ def harmful(unseen: Unseen, names: Names) -> bool:
     if not names or len(found.base.flights) < _FEWEST:
         return False
     whole = _error(found, unseen.by(names))
-    if whole > (_NO_WORSE if names & BRIEF else _IMPROVED) * _error(found, unseen.as_it_is()):
+    if whole > (_NO_WORSE if names <= BRIEF else _IMPROVED) * _error(found, unseen.as_it_is()):
         return True
     earned = found.earned(names)
     # Without a member that the flights ask for loudly, the lab's errors are bent far out to take its place.

@@ -16,8 +16,8 @@ _FEWEST = 3  # flights
 def begun(candidate: Candidate, flights: int, gain: Callable[[Candidate], float], least: float) -> Candidate:
     """The candidate from its likeliest flight on, where it may begin with one and the flights pay for asking which.
 
-    ``gain`` is what a candidate adds to an explanation of the others, ``least`` what a beginning has to
-    earn beyond having been there from the first flight. [nats]
+    ``gain`` is what a candidate adds to an explanation of the others, ``least`` what a beginning has to earn beyond
+    having been there from the first flight. [nats]
     """
     tried = later(candidate, flights)
     if not tried:

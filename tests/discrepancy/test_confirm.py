@@ -138,15 +138,17 @@ def test_a_single_effect_is_nobodys_harmful_companion():
         ("capacity-fade", 0.93, False),
         ("time-skew", 0.97, False),
         ("time-skew", 1.01, True),
+        ("capacity-fade+time-skew", 0.97, True),
     ],
 )
 def test_what_explains_lowers_the_error_on_unseen_flights_by_a_twentieth(name, share, refused):
     """A name that only fits, however well, is none; what lasts for seconds adds little to the error of a flight."""
-    unseen, names = Unseen(searching(FLIGHTS, frozenset({name}))), frozenset({name})
+    names = frozenset(name.split("+"))
+    unseen = Unseen(searching(FLIGHTS, names))
     as_it_is = unseen.as_it_is()
     measured = [f.voltage_v for f in FLIGHTS]
     doctored = [v - share * (v - m) for v, m in zip(measured, as_it_is, strict=True)]
-    unseen = Unseen(unseen.found, {names: doctored, frozenset(): as_it_is})
+    unseen = Unseen(unseen.found, dict.fromkeys((names, *(names - {m} for m in names)), doctored))
     assert harmful(unseen, names) is refused
 
 
