@@ -135,6 +135,10 @@ class Search:
         """What a member of a set has to earn on these flights. [nats]"""
         return STRONG if name in self.laws else needed(name, self.base.lab.form_told)
 
+    def heard(self, name: str) -> float:
+        """What a member has to have at least by its own equation, and with another cell model. [nats]"""
+        return min(NEAR, self.needed(name))
+
     @property
     def laws(self) -> Names:
         """The laws among the candidates, of which these flights tell what drives them."""
@@ -377,6 +381,10 @@ def _begun(found: Search, candidate: Candidate, largest: Names) -> Candidate:
     A driver that nobody recorded may be what it likes in every flight: beside it no mimic shows where it began, nor can
     one stand beside it. And what grows, or is only there, may have been taken for what began.
     """
+    flights = len(found.base.flights)
+    tried = later(candidate, flights)
+    if not tried:
+        return candidate
     mimics = frozenset(EFFECTS[candidate.id].mimics)
     hidden = frozenset(c.id for c in found.candidates if c.inferred) & mimics
     others = largest - {candidate.id} - hidden
@@ -390,16 +398,14 @@ def _begun(found: Search, candidate: Candidate, largest: Names) -> Candidate:
 
     def by_fit(tried: Candidate) -> float:
         # Without what is looked for, a fit may have bent the others and the lab's errors far: one step tells little.
-        found_ = []
+        nats = []
         for at in places:
             joint = beside(at, tried)
             there = fit(joint, at.noise, _carried(joint, at))
-            found_.append(there.evidence(found.inflation) - NATS * len(at.joint.members))
-        return max(found_)
+            nats.append(there.evidence(found.inflation) - NATS * len(at.joint.members))
+        return max(nats)
 
-    flights = len(found.base.flights)
-    tried = later(candidate, flights)
-    if not tried or max(map(by_one_step, (candidate, *tried))) < NATS:
+    if max(map(by_one_step, (candidate, *tried))) < NATS:
         return candidate
     return begun(candidate, flights, by_fit, NATS)
 

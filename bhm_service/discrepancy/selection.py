@@ -180,9 +180,7 @@ def _explains(found: Search, names: Names) -> bool:
     whole, *others = _shares(found, names)
     earned = found.earned(names)
     members = [member.id for member in found.joint(names).members]
-    each = all(
-        alone * earned[name] > min(NEAR, found.needed(name)) for name, alone in zip(members, others, strict=True)
-    )
+    each = all(alone * earned[name] > found.heard(name) for name, alone in zip(members, others, strict=True))
     finer = all(earned[name] >= found.structural for name in _opposed(found, names))
     return each and finer and (whole > MUCH or _credit(found, names) > _CLAIM_NATS)
 
