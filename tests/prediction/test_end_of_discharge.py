@@ -31,7 +31,7 @@ def second_by_second(pack, states, power, limits, temperature=None, dt=1.0):
     soc_before, volts_before = states[:, 0], None
     while np.isinf(ended).any():
         current, deliverable = pack.current_at_power(states, power, 1.0, temperature)
-        volts = power / current
+        volts = power / current - pack.below_average(states, current, temperature)
         soc = states[:, 0]
         share = np.ones(count)
         if volts_before is not None:
@@ -68,6 +68,7 @@ JOINED = [
     [UnseenLoad(current=2.5)],
     [CurrentGain(gain=0.1), VoltageGain(gain=-0.01)],
     [RateCapacity(exponent=1.06)],
+    [WeakCell(loss=0.15, resistance=0.3)],
     [Hysteresis(amplitude=0.02, begin=-1.0)],
     [ResistanceTemperature(activation_energy=22e3), SelfHeating(heat_capacity=2e3, conductance=4.0, ambient=278.0)],
 ]
