@@ -88,7 +88,7 @@ def _aged(scene: Scene, amount: float) -> tuple[Array, bool]:
 
 def _oldest(scene: Scene, cycles: Array) -> float:
     """Cycles of the oldest flight that is shown."""
-    return float(max(c for f, c in enumerate(cycles) if f != scene.sheet.kept_back))
+    return float(cycles[scene.sheet.shown].max())
 
 
 def _capacity_fade(scene: Scene, amount: float) -> None:
@@ -205,7 +205,7 @@ def _resistance_shape(scene: Scene, more: float) -> None:
 
 
 def _intermittent(scene: Scene, milliohm: float) -> None:
-    shown = [f for f in range(scene.flights) if f != scene.sheet.kept_back]
+    shown = scene.sheet.shown
     chosen = sorted(scene.rng.choice(shown, size=min(int(scene.rng.integers(1, 3)), len(shown)), replace=False))
     steps: list[ContactStep] = []
     for flight in map(int, chosen):

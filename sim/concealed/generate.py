@@ -194,8 +194,7 @@ def _effects(
     for which in range(len(twins)):
         delta = _difference(laid.knobs, twins[which], flown, which, loads)
         volt_snr, mimics = voltage_snr(pack, _shown(sheet, flown, quality, pack, delta.voltage))
-        seen = [f for f in range(sheet.flights) if f != sheet.kept_back]
-        watt_snr = power_snr([delta.power[f] for f in seen], [levels[f] for f in seen], gust_w)
+        watt_snr = power_snr([delta.power[f] for f in sheet.shown], [levels[f] for f in sheet.shown], gust_w)
         if which == 0:
             channels = {EFFECTS[e.name].channel for e in sheet.effects}
             together = max({"voltage": volt_snr, "power": watt_snr}[c] for c in channels)

@@ -90,7 +90,7 @@ def _climb(scene: Scene, share: float) -> None:
 
 def _efficiency(scene: Scene, lost: float) -> None:
     passed = np.linspace(0.0, 1.0, scene.flights)
-    trend = lost * passed / max(p for f, p in enumerate(passed) if f != scene.sheet.kept_back)
+    trend = lost * passed / passed[scene.sheet.shown].max()
     if scene.sheet.ages_recorded and scene.cycles is None:
         scene.cycles = np.round(np.linspace(10.0, 200.0, scene.flights))
     scene.demand(efficiency=scene.knobs.demand.efficiency * (1.0 - trend))

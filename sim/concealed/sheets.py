@@ -51,6 +51,11 @@ class CaseSheet:
         """Of the case's directory: it tells nothing of what is inside."""
         return f"{self.suite}-{self.index:04d}"
 
+    @property
+    def shown(self) -> list[int]:
+        """The flights that the tool is shown."""
+        return [f for f in range(self.flights) if f != self.kept_back]
+
     def generator(self, purpose: str) -> np.random.Generator:
         """Random numbers for one purpose: a change in one does not move the others."""
         words = [zlib.crc32(text.encode()) for text in (self.suite, purpose)]
