@@ -95,6 +95,7 @@ class Air:
     time_s: float
     pressure_pa: float | None
     board_temperature_k: float | None
+    boot_s: float | None = None  # since the autopilot's boot, where it is told
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

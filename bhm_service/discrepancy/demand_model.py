@@ -24,10 +24,10 @@ from bhm_service.units import Array, Places
 
 # One standard deviation. The level: 2 % of mass (3 % of power), 5 % of efficiency, 3 % of the current sensor, weather.
 LEVEL_SD, AVIONICS_SD = 0.08, 0.2
-# A hover of one flight against the next: 10 K of air temperature that no log tells are 1.7 %; trim, warm motors. The
-# flights themselves say which it is.
-FLIGHT_SDS = (0.005, 0.01, 0.02)
-FLIGHT_SD = 0.015
+# A hover of one flight against the next: 10 K of air temperature that no log tells are 1.7 %; trim, warm motors. Of one
+# vehicle in the same air it may be a tenth of that. The flights themselves say which it is.
+FLIGHT_SDS = (0.00125, 0.0025, 0.005, 0.01, 0.02)
+FLIGHT_SD = 0.01
 _UNSAID_SD = 0.15  # of a number of the vehicle file that comes without one, as a share of it
 _EDGE_S = 5.0  # after take-off and before landing that are neither flight nor rest
 _KNOWN_SHARE = 0.8  # of a flight's samples that must tell its motion
@@ -81,8 +81,19 @@ class Flown:
         return replace(self, **{name: getattr(self, name)[:samples] for name in series})
 
 
-def flown_of(data: FlightData) -> Flown | None:
-    """A flight as the demand side sees it; None where it is hardly in the air or tells no motion."""
+def airs_k(flights: Sequence[FlightData]) -> list[float | None]:
+    """The air's temperature of each flight as it is told [K]: all as noted, or all by a cold board; or none at all.
+
+    A board is warmer than the air by some kelvin, much the same from flight to flight: that is a matter of the level.
+    """
+    for told in ([f.notes.ambient_k for f in flights], [f.cold_board_k for f in flights]):
+        if None not in told:
+            return told
+    return [None] * len(flights)
+
+
+def flown_of(data: FlightData, air_k: float | None = None) -> Flown | None:
+    """A flight as the demand side sees it, in air so warm; None where it is hardly in the air or tells no motion."""
     air = np.flatnonzero(data.airborne)
     if air.size == 0:
         return None
@@ -96,10 +107,8 @@ def flown_of(data: FlightData) -> Flown | None:
         return None
     pressure = data.pressure_pa[inside]
     weighed = bool(np.isfinite(pressure).all())
-    # The temperature of the board is not that of the air: without a note, the standard atmosphere's is taken.
-    kelvin = _STANDARD_K * (pressure / _STANDARD_PA) ** _LAPSE
-    if data.notes.ambient_k is not None:
-        kelvin = np.full(pressure.size, data.notes.ambient_k)
+    # What is told holds on the ground: a hundred metres up it is 0.65 K less, a thousandth of the power.
+    kelvin = _STANDARD_K * (pressure / _STANDARD_PA) ** _LAPSE if air_k is None else np.full(pressure.size, air_k)
     density = np.array([air_density(p, k) for p, k in zip(pressure, kelvin, strict=True)])
     return Flown(
         label=data.label,
@@ -158,6 +167,7 @@ class Demand:
     craft: Craft
     flights: tuple[Flown, ...]
     terms: tuple[Term, ...] = ()
+    flight_sd: float = FLIGHT_SD  # of the hover of one flight against the next
 
     @cached_property
     def unknowns(self) -> Unknowns:
@@ -165,7 +175,7 @@ class Demand:
         own = [
             numbers("level", np.zeros(1), LEVEL_SD, 1.0),
             numbers("avionics", np.zeros(1), AVIONICS_SD, 1.0),
-            numbers("flight", np.zeros(len(self.flights)), FLIGHT_SD, 10.0 * FLIGHT_SD),
+            numbers("flight", np.zeros(len(self.flights)), self.flight_sd, 10.0 * FLIGHT_SD),
         ]
         return joined(own, [_known_block(k) for k in self.craft.known], [t.block() for t in self.terms])
 
@@ -242,7 +252,7 @@ class Demand:
 
     def with_terms(self, terms: Sequence[Term]) -> Demand:
         """The same flights under other terms."""
-        return Demand(self.craft, self.flights, tuple(terms))
+        return replace(self, terms=tuple(terms))
 
     def with_part(self, flight: int, samples: int) -> Demand:
         """The same with the first samples only of one flight."""
@@ -252,7 +262,7 @@ class Demand:
             return (*shapes[:flight], own, *shapes[flight + 1 :])
 
         flights = (*self.flights[:flight], self.flights[flight].until(samples), *self.flights[flight + 1 :])
-        return Demand(self.craft, flights, tuple(replace(t, shapes=cut(t.shapes)) for t in self.terms))
+        return replace(self, flights=flights, terms=tuple(replace(t, shapes=cut(t.shapes)) for t in self.terms))
 
 
 def _known(known: KnownDemand) -> str:

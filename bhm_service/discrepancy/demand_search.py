@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.special import logsumexp
 
-from bhm_service.discrepancy.demand_model import FLIGHT_SD, FLIGHT_SDS, Demand, Term
+from bhm_service.discrepancy.demand_model import FLIGHT_SDS, Demand, Term
 from bhm_service.discrepancy.demand_release import releases
 from bhm_service.discrepancy.fitting import Fitted, bulk, fit
 from bhm_service.discrepancy.noise import Noise, doubt_of_alike, estimated
@@ -84,7 +84,13 @@ class DemandSearch:
 
 
 def evidence(fitted: Fit, inflation: float) -> float:
-    """Laplace's log evidence [nats], over all that the scatter of hovers from flight to flight may be.
+    """Laplace's log evidence [nats], over all that the scatter of hovers from flight to flight may be."""
+    found = _by_scatter(fitted, inflation)
+    return float(logsumexp(found) - np.log(len(found)))
+
+
+def _by_scatter(fitted: Fit, inflation: float) -> list[float]:
+    """The same for each of `FLIGHT_SDS`.
 
     The fit stands for one scatter. Power is all but linear in what is looked for, so the others follow from it.
     """
@@ -96,14 +102,14 @@ def evidence(fitted: Fit, inflation: float) -> float:
     found = []
     for sd in FLIGHT_SDS:
         known = np.ones(at.size)
-        known[own] = (FLIGHT_SD / sd) ** 2
+        known[own] = (demand.flight_sd / sd) ** 2
         curvature = data + np.diag(known)
         step = np.linalg.solve(curvature, -(slope + known * at))
         there = cost + 2.0 * slope @ step + step @ data @ step + known @ (at + step) ** 2
         found.append(
             -0.5 * there / inflation - 0.5 * np.linalg.slogdet(curvature)[1] + 0.5 * float(np.sum(np.log(known)))
         )
-    return float(logsumexp(found) - np.log(len(found)))
+    return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,6 +149,9 @@ def search(base: Demand) -> DemandSearch:
         noise = estimated(misfits, FLOOR)
         terms = _released(terms, misfits_without(everything, PAYLOAD), base, noise)
     terms += _carried(everything, terms)
+    # What one flight's hover takes by itself is no scatter where a payload may take all of it.
+    shared = fit(base.with_terms([t for t in terms if not t.per_flight]), noise)
+    base = replace(base, flight_sd=FLIGHT_SDS[int(np.argmax(_by_scatter(shared, 1.0)))])
     found = DemandSearch(base, tuple(terms), replace(noise, doubt=doubt_of_alike(len(base.flights))))
     bare = found.fitted(frozenset())
     found.snr = {t.key: _expected_snr(_geometry(found, bare, t), t) for t in terms}

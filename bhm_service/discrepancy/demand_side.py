@@ -12,7 +12,7 @@ import numpy as np
 
 from bhm_service.config import Vehicle
 from bhm_service.discrepancy.demand_drift import drifting
-from bhm_service.discrepancy.demand_model import LEVEL_SD, Craft, Demand, Flown, Term, craft_of, flown_of
+from bhm_service.discrepancy.demand_model import LEVEL_SD, Craft, Demand, Flown, Term, airs_k, craft_of, flown_of
 from bhm_service.discrepancy.demand_search import PAYLOAD, Chosen, DemandSearch, Fit, choose, rms, search, unseen
 from bhm_service.discrepancy.demand_words import demand_effect_in_words, demand_sentence
 from bhm_service.discrepancy.findings import ChangePoint, EffectFound, Quantity, Verdict
@@ -85,7 +85,9 @@ def demand_side(vehicle: Vehicle | None, flights: Sequence[FlightData]) -> Deman
     craft = craft_of(vehicle, vehicle.name)
     if craft is None:
         return NotLooked("the vehicle file has no [rotors]")
-    flown = [f for f in (flown_of(data.thinned(_SAMPLES)) for data in flights) if f is not None]
+    airs = airs_k(flights)
+    told = (flown_of(data.thinned(_SAMPLES), air_k) for data, air_k in zip(flights, airs, strict=True))
+    flown = [f for f in told if f is not None]
     if len(flown) < _FEWEST:
         return NotLooked(f"{len(flown)} of the flights tell climb and speed in the air, {_FEWEST} are needed")
     found = search(Demand(craft, tuple(flown)))

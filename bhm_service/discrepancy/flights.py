@@ -45,6 +45,7 @@ class FlightData:
     pressure_pa: Array
     reading: float | None = None  # state of charge at the start that a gauge gives, None: taken as full
     notes: Notes = Notes()
+    cold_board_k: float | None = None  # of the barometer's board, soon after the autopilot's boot
     shifts_a: Array | None = None  # (shifts, T), see `shifted_a`; None: the samples' own tell it
 
     @property
@@ -235,6 +236,7 @@ def _flight(
         pressure_pa=recording.pressure_pa[part],
         reading=_reading(recording.remaining[part]),
         notes=notes,
+        cold_board_k=recording.cold_board_k,
     )
     without = [_PARTIAL.format(int(partial.sum()), volts.size)] if partial.any() else []
     seen = before_unseen_landing(time_s[known], current[known])

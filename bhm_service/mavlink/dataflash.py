@@ -197,6 +197,7 @@ def _decoded(kind: str, f: dict[str, Any], time_s: float, boot_s: float | None) 
                 time_s=time_s,
                 pressure_pa=_number(f.get("Press")),
                 board_temperature_k=None if celsius is None else kelvin(celsius),
+                boot_s=boot_s,
             )
         ]
     if kind == "CTUN":

@@ -180,6 +180,7 @@ def _pressure(f: dict[str, Any], time_s: float, source: tuple[int, int], kind: A
             time_s=time_s,
             pressure_pa=None if hectopascal is None or hectopascal <= 0.0 else hectopascal * 100.0,
             board_temperature_k=temperature_k(f["temperature"]),
+            boot_s=f["time_boot_ms"] / 1000.0,
         )
     ]
 

@@ -19,6 +19,9 @@ from bhm_service.telemetry import (
 )
 from bhm_service.units import SECONDS_PER_HOUR, Array
 
+# Since its boot: until then a board is about as warm as what is around it. Later it is its own warmth, 15 to 25 K.
+_COLD_S = 120.0
+
 
 @dataclass(frozen=True, slots=True)
 class Flight:
@@ -50,6 +53,7 @@ class Recording:
     flights: tuple[Flight, ...]
     pack_changes: tuple[tuple[float, str], ...]  # time and reason
     parameters: dict[str, float]
+    cold_board_k: float | None = None  # what the barometer's board was at soon after boot; None where no log tells
 
     @property
     def charge_c(self) -> Array:
@@ -87,14 +91,17 @@ def record(log: Log, battery_id: int, series: int, capacity_c: float, airborne_a
     edges: list[tuple[float, bool, str]] = []
     changes: list[tuple[float, str]] = []
     parameters: dict[str, float] = {}
+    air: Air | None = None  # the first that was told: a board that booted again later is a warm one
     for _, message in log.messages:
         if isinstance(message, Motion):
             for name in _MOTION:
                 value = getattr(message, name)
                 if value is not None:
                     now[name] = value
-        elif isinstance(message, Air) and message.pressure_pa is not None:
-            now["pressure_pa"] = message.pressure_pa
+        elif isinstance(message, Air):
+            if message.pressure_pa is not None:
+                now["pressure_pa"] = message.pressure_pa
+            air = air or message
         elif isinstance(message, Wind):
             now["wind_mps"] = message.speed_mps
         elif isinstance(message, ParameterValue):
@@ -123,8 +130,15 @@ def record(log: Log, battery_id: int, series: int, capacity_c: float, airborne_a
         flights=_flights(np.array(times), edges),
         pack_changes=tuple(changes),
         parameters=parameters,
+        cold_board_k=_cold_board_k(air),
         **columns,
     )
+
+
+def _cold_board_k(first: Air | None) -> float | None:
+    if first is None or first.boot_s is None or first.boot_s > _COLD_S:
+        return None
+    return first.board_temperature_k
 
 
 _COLUMNS = (

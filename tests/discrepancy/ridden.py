@@ -42,8 +42,10 @@ def axial(climb):
     return (climb / 2.0 + np.sqrt(climb**2 / 4.0 + INDUCED_MPS**2)) / INDUCED_MPS
 
 
-def ridden(number, *, induced=0.85, heavier=0.0, released_s=None, worn=0.0, metres=0.0, seed=3):
-    """One flight with climbs: its rotors take more by a payload (until it is let go), by wear and by height."""
+def ridden(
+    number, *, induced=0.85, heavier=0.0, released_s=None, worn=0.0, metres=0.0, warmer_k=0.0, scatter=0.005, seed=3
+):
+    """One flight with climbs: its rotors take more by a payload (until it is let go), by wear, by height and warmth."""
     rng = np.random.default_rng([seed, number])
     t = STEP_S * np.arange(SAMPLES)
     airborne = (t > 30.0) & (t < t[-1] - 20.0)
@@ -51,9 +53,9 @@ def ridden(number, *, induced=0.85, heavier=0.0, released_s=None, worn=0.0, metr
     aboard = heavier if released_s is None else np.where(t < released_s, heavier, 0.0)
     gusts = 0.02 * np.sqrt(1.0 - 0.5**2) * lfilter([1.0], [1.0, -0.5], rng.standard_normal(SAMPLES))
     rotors = HOVER_W * (1.0 + induced * (axial(climb) - 1.0)) * (1.0 + aboard) ** 1.5 / (1.0 - worn)
-    rotors = rotors * (1.0 + 0.005 * rng.standard_normal())
+    rotors = rotors * (1.0 + scatter * rng.standard_normal())
     standard = 1.0 - 2.25577e-5 * metres  # temperature over that at sea level
-    rotors = rotors / np.sqrt(standard**4.2559)
+    rotors = rotors / np.sqrt(standard**4.2559 * 288.15 / (288.15 + warmer_k))
     power = AVIONICS_W + np.where(airborne, rotors * (1.0 + gusts), 0.0)
     volts = 24.0 - 2.0 * t / t[-1]
     return FlightData(

@@ -21,6 +21,7 @@ from bhm_service.discrepancy.demand_side import DemandSide, NotLooked, demand_si
 from bhm_service.discrepancy.fitting import fit
 from bhm_service.discrepancy.noise import Noise
 from bhm_service.discrepancy.search import NATS, STRONG
+from bhm_service.discrepancy.sidecar import Notes
 from bhm_service.errors import BadInputError
 from bhm_service.prediction.demand_file import known_demand, with_demand
 
@@ -78,6 +79,41 @@ def test_thin_air_is_held_against_flights_of_which_nothing_was_seen():
     assert ids(found) == ["air-density"]
     told = found.effects[0].parameters["exponent"]
     assert abs(told.value - 0.5) < 2.0 * told.sd < 0.3
+
+
+def in_seasons(board):
+    """At one place, in air of -5 to 35 degC, with boards that begin ``board`` warmer than that."""
+    warmer = (0.0, 20.0, -20.0, 10.0, -10.0, 5.0)
+    flights = [ridden(k, warmer_k=w) for k, w in enumerate(warmer)]
+    return [replace(f, cold_board_k=288.15 + w + board) for f, w in zip(flights, warmer, strict=True)]
+
+
+def test_warm_air_is_told_by_boards_that_were_cold_at_boot_by_however_much_these_are_off():
+    found = looked(in_seasons(board=8.0), CLIMB)
+    assert (found.verdict, ids(found)) == ("named", ["air-density"])
+    told = found.effects[0].parameters["exponent"]
+    assert abs(told.value - 0.5) < 2.0 * told.sd < 0.3
+
+
+def test_air_that_one_flight_does_not_tell_is_taken_for_the_standard_one_in_all():
+    first, *others = in_seasons(board=0.0)
+    assert looked([replace(first, cold_board_k=None), *others], CLIMB).effects == ()
+
+
+def test_what_the_air_is_noted_to_be_goes_before_what_a_board_says():
+    wrong = [replace(f, cold_board_k=300.0 - 2.0 * k) for k, f in enumerate(in_seasons(board=0.0))]
+    right = [
+        replace(f, notes=Notes(ambient_k=there.cold_board_k))
+        for f, there in zip(wrong, in_seasons(board=0.0), strict=True)
+    ]
+    assert ids(looked(right, CLIMB)) == ["air-density"]
+
+
+@pytest.mark.parametrize(("scatter", "named"), [(0.001, ["air-density"]), (0.02, [])])
+def test_how_far_flights_differ_by_themselves_is_what_they_say(scatter, named):
+    """Thin air that costs 2.4 % between the lowest field and the highest."""
+    fields = (0.0, 500.0, 125.0, 375.0, 250.0, 437.5)
+    assert ids(looked([ridden(k, metres=m, scatter=scatter) for k, m in enumerate(fields)], CLIMB)) == named
 
 
 def test_a_payload_that_is_let_go_is_found_in_time_and_in_weight(loaded):

@@ -164,8 +164,10 @@ def test_position_gives_motion_and_the_autopilots_clock():
 def test_landed_state_pressure_and_clock():
     assert decode(mav.MAVLink_extended_sys_state_message(0, 2)) == [LandedState(time_s=5.0, state=Landed.IN_AIR)]
     assert decode(mav.MAVLink_extended_sys_state_message(0, 0)) == []
-    (air,) = decode(mav.MAVLink_scaled_pressure_message(0, 1013.25, 0.0, 4500))
-    assert air == Air(time_s=5.0, pressure_pa=pytest.approx(101325.0), board_temperature_k=pytest.approx(318.15))
+    (air,) = decode(mav.MAVLink_scaled_pressure_message(2500, 1013.25, 0.0, 4500))
+    assert air == Air(
+        time_s=5.0, pressure_pa=pytest.approx(101325.0), board_temperature_k=pytest.approx(318.15), boot_s=2.5
+    )
     (clock,) = decode(mav.MAVLink_system_time_message(1_700_000_000_000_000, 2500))
     assert clock == AutopilotClock(time_s=5.0, boot_s=2.5, unix_s=1.7e9)
     assert decode(mav.MAVLink_system_time_message(0, 2500))[0].unix_s is None

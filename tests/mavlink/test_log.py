@@ -113,6 +113,13 @@ def test_a_reboot_with_the_same_pack_is_no_change(data):
     assert np.nanmax(recording.remaining) - recording.remaining[0] > 0.25
 
 
+@pytest.mark.parametrize(("flight", "celsius"), [(1, None), (3, 25.83), (5, 20.44)])
+def test_a_board_is_cold_only_where_the_log_begins_soon_after_its_boot(data, flight, celsius):
+    """30 and 72 s after it; the first flight's begins 20 min after one, and has another."""
+    recording = record(read_log(data / "flights" / "tlog" / f"acuasi_quad_flight{flight}.tlog"), 0, 4, 4 * 3600)
+    assert recording.cold_board_k == (None if celsius is None else pytest.approx(celsius + 273.15))
+
+
 def test_old_dataflash_in_centivolts_is_read_in_volts(data):
     log = read_log(data / "flights" / "bin" / "joey_y6_2014-10-18.bin")
     status = messages_of(log, BatteryStatus)
