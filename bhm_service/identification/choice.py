@@ -4,7 +4,8 @@ An addition has to lower the error on unseen pieces by a twentieth, and both hal
 size. Where they do not, it has to lower that error by a quarter if it is over with a piece, and to foretell every
 recording under load better by the others if it may last for longer: what is known only loosely of its size stands in
 its standard deviations. What is over within seconds is judged by the error from one sample to the next alone. That
-resistance follows temperature, and by how much, is known of lithium-ion cells before: it joins unless it does harm.
+resistance follows temperature, and by how much, is known of lithium-ion cells before: it joins unless it does harm, or
+is of another size: then something else goes with the temperature here.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ def choose(
             what = open_[0]
             candidate = best.with_extras(additions[what](best.extras))
             by_it = unseen(candidate, what + curve)
-            better = by_it.possible and _better(what, by_it, error)
+            better = by_it.possible and _of_cells(what, by_it) and _better(what, by_it, error)
             joins = better and (by_it.agreed or _whatever_its_size(what, by_it, error))
             loosely = "" if by_it.agreed and by_it.possible else ", and its size is not told"
             if joins and not by_it.agreed:
@@ -91,8 +92,9 @@ def choose(
         if _WARM in _additions(best, experiments):
             warm = best.with_extras(replace(best.extras, temperature=True))
             by_it = unseen(warm, _WARM)
-            joins = by_it.typical < error.typical
-            said = said | {_WARM: _judged(_WARM, by_it, error, joins=joins)}
+            joins = by_it.typical < error.typical and _of_cells(_WARM, by_it)
+            size = "" if _of_cells(_WARM, by_it) else ", and its size is no cell's"
+            said = said | {_WARM: _judged(_WARM, by_it, error, joins=joins) + size}
             if joins:
                 best, error = warm, by_it
         return best, error.rms, list(said.values())
@@ -127,6 +129,11 @@ def _better(what: str, by_it: Unseen, error: Unseen) -> bool:
     if what == _FAST:
         return by_it.quick < BETTER * error.quick and by_it.typical < error.typical
     return by_it.typical < BETTER * error.typical
+
+
+def _of_cells(what: str, by_it: Unseen) -> bool:
+    """Whether an addition is of the size that it has in cells, where that is known."""
+    return what != _WARM or by_it.known
 
 
 def _whatever_its_size(what: str, by_it: Unseen, error: Unseen) -> bool:

@@ -149,10 +149,12 @@ def test_what_is_loosely_told_joins_where_it_foretells_every_recording(
     assert any("loosely told" in said for said in remarks) is (not agreed and possible and bool(foreseen_mv))
 
 
-@pytest.mark.parametrize(("effects", "joins"), [((COLD,), True), ((), False)])
-def test_a_cold_cell_joins_the_effect_of_temperature_only_where_resistance_follows_it(effects, joins):
-    family, _, _ = chosen(bench(*effects, kelvin=REFERENCE_TEMPERATURE_K - 20.0))
+@pytest.mark.parametrize(("kj_mol", "joins"), [(20.0, True), (0.0, False), (60.0, False)])
+def test_a_cold_cell_joins_the_effect_of_temperature_only_where_resistance_follows_it_as_in_cells(kj_mol, joins):
+    effects = [ResistanceTemperature(activation_energy=1e3 * kj_mol)] if kj_mol else []
+    family, _, remarks = chosen(bench(*effects, kelvin=REFERENCE_TEMPERATURE_K - 20.0))
     assert family.extras.temperature is joins
+    assert any("no cell's" in said for said in remarks) is (kj_mol != 20.0)
 
 
 def test_temperature_that_moves_in_one_recording_only_is_asked():
@@ -168,12 +170,16 @@ def _steady(run):
     return replace(run, temperature_k=np.full(run.time_s.size, REFERENCE_TEMPERATURE_K))
 
 
-@pytest.mark.parametrize(("with_it_mv", "joins"), [(4.99, True), (5.01, False)])
-def test_temperature_is_known_before_and_joins_unless_it_does_harm(monkeypatch, with_it_mv, joins):
+@pytest.mark.parametrize(
+    ("with_it_mv", "known", "joins"), [(4.99, True, True), (5.01, True, False), (4.0, False, False)]
+)
+def test_temperature_is_known_before_and_joins_unless_it_does_harm_or_is_another_thing(
+    monkeypatch, with_it_mv, known, joins
+):
     def pieces(problem):
         warm = problem.family.extras.temperature
         off = 1e-3 * (with_it_mv if warm else 5.0)
-        return Unseen(off, off, 0.001, not warm, not warm)
+        return Unseen(off, off, 0.001, not warm, not warm, known or not warm)
 
     monkeypatch.setattr("bhm_service.identification.choice.unseen_error", pieces)
     monkeypatch.setattr("bhm_service.identification.choice.foretold", lambda _: [0.005, 0.005])
