@@ -156,9 +156,13 @@ def _core_lag(s: Scene) -> str:
 
 
 def _entropic_voltage(s: Scene) -> str:
-    slope = 1e-3 * s.value("slope") * s.lab.series
-    way = "rises" if slope > 0.0 else "falls"
-    return f"the resting voltage of the pack {way} by {1e3 * abs(slope):.1f} mV with every kelvin that it is warmer"
+    def told(soc: float) -> str:
+        millivolt = s.lab.series * (s.value("slope") + s.value("tilt") * (soc - 0.5))
+        return f"{'rises' if millivolt > 0.0 else 'falls'} by {abs(millivolt):.1f} mV"
+
+    ends = told(1.0), told(0.2)
+    with_charge = ends[0] if ends[0] == ends[1] else f"{ends[0]} when full and {ends[1]} at 20 % of charge"
+    return f"with every kelvin that it is warmer the resting voltage of the pack {with_charge}"
 
 
 def _capacity_fade(s: Scene) -> str:

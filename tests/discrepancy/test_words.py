@@ -89,6 +89,15 @@ def test_what_comes_with_age_is_told_as_it_is_at_the_oldest_flight():
     assert "1.5 times the resistance" in said("resistance-growth", {"growth": 0.5, "settled": 0.0}, aged)
 
 
+@pytest.mark.parametrize(
+    ("tilt", "told"),
+    [(0.5, "rises by 0.9 mV when full and falls by 1.5 mV at 20 % of charge"), (0.0, "falls by 0.6 mV")],
+)
+def test_what_differs_with_charge_is_told_of_a_full_pack_and_a_low_one(tilt, told):
+    text = said("entropic-voltage", {"slope": -0.1, "tilt": tilt})
+    assert text.startswith(f"With every kelvin that it is warmer the resting voltage of the pack {told}")
+
+
 def test_a_contacts_cost_is_its_resistance_times_the_current():
     paid = tolls("contact-resistance", {"resistance": 9.0}, lab(), COLD_AND_MILD, [course(f) for f in COLD_AND_MILD])
     for toll, data in zip(paid, COLD_AND_MILD, strict=True):

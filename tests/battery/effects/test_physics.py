@@ -149,6 +149,10 @@ def test_entropy_moves_the_resting_voltage_and_heats():
     entropy = fx.EntropicVoltage(slope=-0.3e-3)
     rest = np.zeros(T.size)
     np.testing.assert_allclose(difference(circ(), entropy, current=rest, kelvin=278.15), N * 0.3e-3 * 20.0, rtol=1e-9)
+    tilted = fx.EntropicVoltage(slope=-0.1e-3, tilt=0.5e-3)
+    for soc, by_kelvin in ((1.0, 0.15e-3), (0.5, -0.1e-3), (0.1, -0.3e-3)):
+        moved = difference(circ(), tilted, current=rest, kelvin=278.15, soc=soc)
+        np.testing.assert_allclose(moved, -N * by_kelvin * 20.0, rtol=1e-9)
     warm = fx.SelfHeating(heat_capacity=5.0, conductance=2.0, ambient=290.0)
     hot = run(OHMIC, entropy, warm, current=STEADY).temperature[-1]
     assert 2.0 * (hot - 290.0) == pytest.approx(10.0**2 * N * 0.004 + 10.0 * N * 0.3e-3 * hot, rel=1e-6)
