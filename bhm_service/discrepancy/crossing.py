@@ -20,7 +20,10 @@ from bhm_service.discrepancy.valleys import fit_over_valleys
 
 @dataclass(slots=True)
 class Witness:
-    """The same flights with the other cell model; ``start_sd`` as in the search that it checks."""
+    """The same flights with the other cell model; ``start_sd`` as in the search that it checks.
+
+    Of what its model has in the battery file already, of the lab's making, the flights are not asked again.
+    """
 
     lab: Lab
     candidates: Sequence[Candidate]
@@ -29,12 +32,17 @@ class Witness:
     _searches: dict[Names, Search] = field(default_factory=dict)
 
     def earned(self, names: Names) -> dict[str, float]:
-        """Evidence that each member of a set adds to the others, by this model. [nats]"""
-        return self._search(names).earned(names) if names else {}
+        """Evidence that each member of a set adds to the others, by this model; of what it is asked for. [nats]"""
+        asked = self._asked(names)
+        return self._search(asked).earned(asked) if asked else {}
 
     def fitted(self, names: Names) -> Fitted:
         """The set with this model, with the sizes that its members have by it."""
-        return self._search(names).fitted(names)
+        asked = self._asked(names)
+        return self._search(asked).fitted(asked)
+
+    def _asked(self, names: Names) -> Names:
+        return names & {c.id for c in self.candidates}
 
     def _search(self, names: Names) -> Search:
         if names in self._searches:

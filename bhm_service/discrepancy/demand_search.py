@@ -12,6 +12,7 @@ from bhm_service.discrepancy.demand_model import FLIGHT_SDS, Demand, Term
 from bhm_service.discrepancy.demand_release import releases
 from bhm_service.discrepancy.fitting import Fitted, bulk, fit
 from bhm_service.discrepancy.noise import Noise, doubt_of_alike, estimated
+from bhm_service.discrepancy.physical import inside
 from bhm_service.discrepancy.search import LEAST_SNR, NATS, NEAR, STRONG, Geometry, Names, geometry_of
 from bhm_service.discrepancy.significance import exceeded
 from bhm_service.prediction.demand_effects import DEMAND_EFFECTS
@@ -22,7 +23,6 @@ FLOOR = 0.002  # of the hover's power: none is measured better than this
 _WIDTH, _DEPTH = 2, 4
 LEAST = 0.005  # of the hover's power, RMS: what adds less changes nothing that anybody flies by
 _LEAST_SHARE = 0.2  # of what the largest member adds
-_REACH = 0.995  # of the way to a bound of what is physical
 _SIGNIFICANT = 0.02  # over the whole catalogue
 _SEEN = 0.25  # of a held-out flight's samples
 _FEWEST = 3  # flights, for one to be held out
@@ -285,8 +285,7 @@ def _physical(fitted: Fit) -> bool:
     for term in fitted.joint.terms:
         block, x = term.block(), fitted.x[fitted.joint.places[term.key]]
         (declared,) = term.kind.parameters()
-        middle, half = 0.5 * (block.low + block.high), 0.5 * (block.high - block.low)
-        if np.any((np.abs(x - middle) > _REACH * half) & (np.abs(x - (declared.absent or 0.0)) > 0.01 * half)):
+        if not inside(x, block.low, block.high, declared.absent or 0.0):
             return False
     return True
 

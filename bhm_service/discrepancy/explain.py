@@ -12,7 +12,7 @@ from bhm_service.battery.effects import EFFECTS
 from bhm_service.config import Vehicle
 from bhm_service.discrepancy import verdict
 from bhm_service.discrepancy.advice import advice
-from bhm_service.discrepancy.candidate import Candidate, NotExcited, candidates
+from bhm_service.discrepancy.candidate import Candidate, NotExcited, candidates, known_drivers
 from bhm_service.discrepancy.confirm import Unseen, held_out
 from bhm_service.discrepancy.courses import courses_of
 from bhm_service.discrepancy.crossing import Witness, witness
@@ -67,7 +67,7 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
         raise BadInputError(
             "bhm explain", f"{len(flights)} usable flight{'s' * (len(flights) != 1)}, {_FEWEST} are needed", why
         )
-    lab = lab_of(request.battery, request.model, request.series, request.capacity_c)
+    lab = _lab(request, request.model, flights)
     base = Joint(lab, flights)
     tried, missing = _tried(lab, flights)
     if request.told:
@@ -124,6 +124,15 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
     )
 
 
+def _lab(request: Request, model: ModelName, flights: Sequence[FlightData]) -> Lab:
+    """The pack as its file has it, without effects of which no flight tells what drives them: they do nothing here.
+
+    So the search may try them, and find what drives them.
+    """
+    told = {driver for flight in flights for driver in known_drivers([flight])}
+    return lab_of(request.battery, model, request.series, request.capacity_c).driven(told)
+
+
 def _tried(lab: Lab, flights: Sequence[FlightData]) -> tuple[list[Candidate], list[NotExcited]]:
     energy_wh = _CELL_V * lab.series * lab.capacity_c / SECONDS_PER_HOUR
     joined = [e.id for e in lab.effects]
@@ -166,7 +175,7 @@ def _witness(request: Request, found: Search, flights: tuple[FlightData, ...]) -
     other: ModelName = "chem" if request.model == "circ" else "circ"
     if (request.battery.chem if other == "chem" else request.battery.circ) is None:
         return None
-    lab = lab_of(request.battery, other, request.series, request.capacity_c)
+    lab = _lab(request, other, flights)
     tried, _ = _tried(lab, flights)
     by_name = {c.id: c for c in tried} | {c.id: c for c in found.candidates if c.price > 0.0}
     return witness(lab, found.base, list(by_name.values()))

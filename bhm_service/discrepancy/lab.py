@@ -12,7 +12,7 @@ between lab and flight is added to it; else they are taken to be anywhere within
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
@@ -95,6 +95,11 @@ class Lab:
     def ohmic(self) -> float:
         """Resistance of the pack to what changes within two seconds. [Ohm]"""
         return self.ohm * self.ohmic_share * self.series / self.parallel
+
+    def driven(self, drivers: Collection[str]) -> Lab:
+        """The same with those of its effects that are driven by these, or by another one; nothing else moves them."""
+        there = {*drivers, *(driver for effect in self.effects for driver in effect.supplies)}
+        return replace(self, effects=tuple(effect for effect in self.effects if there.issuperset(effect.drivers)))
 
     def widened(self, pulls: Callable[[str], Array]) -> Lab:
         """The same with its shapes as uncertain as a fit found them to be, never less.

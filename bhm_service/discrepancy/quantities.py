@@ -11,6 +11,7 @@ from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.findings import Quantity
 from bhm_service.discrepancy.fitting import Fitted, fit
+from bhm_service.discrepancy.physical import physical
 from bhm_service.units import Array
 
 _MEANS = 0.08  # of an effect's size: no equation of a whole pack means its number more closely
@@ -32,11 +33,13 @@ def teller(fits: Sequence[Fitted], name: str) -> Fitted:
     """Of the fits of one set by several models of the cell, the one whose numbers of a member are told.
 
     It is that of the model under which the flights are likeliest, among those that give the member the same numbers as
-    the first one does. The model that a search was made with is often not the one that follows the flights better, and
-    what it cannot follow it lays on the size of what it found.
+    the first one does (one that has it in its battery file already gives none), and physical ones where any does. The
+    model that a search was made with is often not the one that follows the flights better, and what it cannot follow it
+    lays on the size of what it found.
     """
     asked = _numbers(fits[0], name)
-    return max((f for f in fits if _numbers(f, name) == asked), key=_likelihood)
+    able = [f for f in fits if _numbers(f, name) == asked]
+    return max(able, key=lambda f: (physical(f, _member(f, name)), _likelihood(f)))
 
 
 def _likelihood(fitted: Fitted) -> float:
@@ -50,7 +53,7 @@ def _likelihood(fitted: Fitted) -> float:
 
 
 def _numbers(fitted: Fitted, name: str) -> list[str]:
-    return [u.name for u in _member(fitted, name).unknowns]
+    return [u.name for member in fitted.joint.members if member.id == name for u in member.unknowns]
 
 
 def parameters(fits: Sequence[Fitted], name: str) -> dict[str, Quantity]:
@@ -83,7 +86,7 @@ def _of(fits: Sequence[Fitted], name: str, unknown: str) -> list[Array]:
     """What fits say of an unknown, where they have it; nothing of a skew, which is told by the logs' own samples."""
     if name == TimeSkew.id:
         return []
-    having = [f for f in fits if any(u.name == unknown for u in _member(f, name).unknowns)]
+    having = [f for f in fits if unknown in _numbers(f, name)]
     return [f.joint.values(f.x[None, :])[unknown][0] for f in having]
 
 

@@ -16,6 +16,8 @@ from bhm_service.discrepancy.explanation import Flying
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.lab import Lab
+from bhm_service.discrepancy.physical import physical
+from bhm_service.discrepancy.quantities import teller
 from bhm_service.prediction.end_of_discharge import Limits, end_of_discharge
 
 RESERVE_SOC = 0.2
@@ -26,15 +28,17 @@ def repaired(battery: BatteryFile, fits: Sequence[Fitted], source: str) -> Batte
     """The battery with the members' effects joined; None where a file can hold none of them.
 
     ``fits`` has one of each cell model that the effects are to join: a model without them would go on as if nothing
-    had been found, and the flying time is told by both. Each model has the sizes that the flights show with it.
+    had been found, and the flying time is told by both. Each model has the sizes that the flights show with it; where
+    one of them is at the end of what is physical that model does not follow the flights, and has those that are told.
     What differs from flight to flight stays out of the file: a start that is not full, times of a bad contact.
     """
     joined = list(battery.joined)
     for fitted in fits:
         model = fitted.joint.lab.model
         for member in fitted.joint.members:
+            by = fitted if physical(fitted, member) else teller(fits, member.id)
             for key, kind in member.parts:
-                found = _joined(fitted, member, key, kind)
+                found = _joined(by, member, key, kind)
                 if found is not None:
                     joined = [kept for j in joined for kept in _without(j, found.effect.id, fitted.joint.lab)]
                     joined.append(replace(found, model=model))

@@ -10,6 +10,7 @@ from scipy.stats import pearsonr
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.fitting import Fitted
+from bhm_service.discrepancy.physical import physical
 from bhm_service.discrepancy.search import COMPANIONS, NATS, NEAR, STRONG, STRUCTURAL, Names, Search, share_asked
 from bhm_service.units import Array
 
@@ -30,7 +31,6 @@ _OPPOSED = -0.8  # cosine
 _FOLLOWS = 0.01  # probability that sizes of single flights go with their temperatures as they do by chance
 _FEWEST = 4  # flights whose sizes tell that
 _FELT = 0.1  # of what an effect adds at most
-_REACH = 0.995  # of the way to a bound of what is physical
 # What any pack meets on its way, then what is wrong with a sensor or a cell, then what stands beside another cause or
 # is an error of a model's structure.
 _COMMONEST = frozenset(
@@ -284,17 +284,7 @@ def added(found: Search, names: Names) -> dict[str, float]:
 
 def _physical(fitted: Fitted) -> bool:
     """No number of an effect that makes it vanish stands at the end of its physical range."""
-    unknowns = fitted.joint.unknowns
-    for member in fitted.joint.members:
-        for u in member.amplitudes():
-            where = unknowns.slice_of(u.name)
-            low, high, x = unknowns.low[where], unknowns.high[where], fitted.x[where]
-            middle, half = 0.5 * (low + high), 0.5 * (high - low)
-            absent = u.declared.absent
-            assert absent is not None
-            if np.any((np.abs(x - middle) > _REACH * half) & (np.abs(x - absent) > 0.01 * half)):
-                return False
-    return True
+    return all(physical(fitted, member) for member in fitted.joint.members)
 
 
 def _order(names: Names) -> tuple[int, ...]:

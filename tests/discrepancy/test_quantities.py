@@ -55,6 +55,15 @@ def test_the_model_that_follows_the_flights_tells_the_numbers():
     assert teller(fits[::-1], FADE) is fits[1]
 
 
+def test_a_model_at_the_end_of_what_is_physical_tells_no_numbers(faded):
+    """However likely it makes the flights."""
+    where = faded.joint.places[f"{FADE}.fade"]
+    high = float(faded.joint.unknowns.high[where][0])
+    most = replace(moved(faded, high - float(faded.x[where][0])), rows=[0.5 * row for row in faded.rows])
+    assert teller([most, faded], FADE) is faded
+    assert teller([faded, most], FADE) is faded
+
+
 def test_what_was_found_is_as_large_as_the_flights_say_and_not_as_expected():
     """Loads past the sensor are expected to be of 1.2 A, give or take 0.8 A; here it is of 4 A."""
     flights = [flown([EFFECTS[LOAD](current=4.0)], seed=2, number=k, rested=False) for k in range(4)]
