@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize
+from scipy.special import chdtri
 
 from bhm_service.battery.dynamics import recurrence
 from bhm_service.units import Array
@@ -20,6 +21,7 @@ SUDDEN = 0.2  # of the ohmic drop of a sudden change: what relaxes within a samp
 # What a model gets wrong it gets wrong alike in all flights of a kind: they are not independent witnesses of it.
 WITNESSES, MOST_DOUBT = 1.0 / 3.0, 3.0
 _CLIP = 4.0  # standard deviations beyond which an innovation counts no more
+_RARELY = 0.01
 
 
 def doubt_of_alike(flights: int) -> float:
@@ -57,11 +59,27 @@ class Noise:
 
     def averaged_v(self, width: int) -> float:
         """Standard deviation of a mean over ``width`` samples. [V]"""
-        lags = np.arange(1, width)
+        return float(self.sigma_v * np.sqrt(self._averaged(width, 1)[0]))
+
+    def worst_averaged_v(self, width: int, samples: Sequence[int]) -> float:
+        """RMS of running means over ``width`` samples that one of some runs exceeds once in a hundred times. [V]
+
+        Of a run of so many ``samples``: its mean square is a gamma variable [Box 1954, Ann. Math. Stat. 25, 290].
+        """
+        most = max(samples)
+        alike = self._averaged(width, most)
+        alike = (alike / alike[0]) ** 2
+        freedom = np.array([n / (1.0 + 2.0 * float(np.sum(alike[1:n]))) for n in samples])
+        times = chdtri(freedom, _RARELY / len(samples)) / freedom
+        return self.averaged_v(width) * float(np.sqrt(times.max()))
+
+    def _averaged(self, width: int, lags: int) -> Array:
+        """Autocovariance of means over ``width`` samples at the first ``lags``, over the innovations' variance."""
         # Beyond the first lag the autocovariance of an ARMA(1,1) falls with phi.
         first = (1.0 - self.phi * self.theta) * (self.phi - self.theta) / (1.0 - self.phi**2)
-        later = float(np.sum((1.0 - lags / width) * first * self.phi ** (lags - 1)))
-        return float(self.sigma_v * np.sqrt((self._gain + 2.0 * later) / width))
+        apart = np.abs(np.arange(1 - width, lags + width - 1))
+        single = np.where(apart == 0, self._gain, first * self.phi ** np.maximum(apart - 1, 0))
+        return np.asarray(np.convolve(single, (width - np.abs(np.arange(1 - width, width))) / width**2, mode="valid"))
 
     def whitened(self, residual: Array, beside: Array | float = 1.0) -> Array:
         """Innovations along the last axis, in standard deviations or ``beside`` times (.., T) those."""

@@ -46,7 +46,8 @@ def judge(
     after = [slow(c.flight.voltage_v - c.after_v, c.flight) for c in courses]
     floor = found.noise.sigma_v**2 / SLOW_S
     rest = float(np.sqrt(_power(after, floor) / max(_power(before, floor), 1e-12)))
-    coloured = found.noise.averaged_v(slow_samples(courses[0].flight))
+    samples = [c.flight.time_s.size for c in courses]
+    coloured = found.noise.worst_averaged_v(slow_samples(courses[0].flight), samples)
     named = chosen.names
     strange = leftover is not None or ((bool(named) or beyond_lab(found)) and _strange(found, after, floor, coloured))
     verdict: Verdict

@@ -69,3 +69,16 @@ def test_a_mean_over_samples_is_as_noisy_as_a_simulated_one():
     series = lfilter([1.0, -0.7], [1.0, -0.95], shocks)
     assert noise.averaged_v(1) == pytest.approx(series.std(), rel=0.02)
     assert noise.averaged_v(8) == pytest.approx(series.reshape(-1, 8).mean(axis=1).std(), rel=0.02)
+
+
+@pytest.mark.parametrize(("phi", "theta"), [(0.97, 0.8), (0.9, 0.2), (0.3, 0.25)])
+@pytest.mark.parametrize("runs", [1, 8])
+def test_the_worst_of_some_runs_exceeds_what_is_said_once_in_a_hundred_times(phi, theta, runs):
+    noise, width, size = Noise(phi, theta, 0.01), 8, 700
+    shocks = 0.01 * np.random.default_rng(1).standard_normal((2400 * runs, size + 300))
+    series = lfilter([1.0, -theta], [1.0, -phi], shocks, axis=1)[:, 300:]
+    summed = np.cumsum(series, axis=1)
+    means = (summed[:, width:] - summed[:, :-width]) / width
+    worst = np.sqrt(np.mean(means**2, axis=1)).reshape(-1, runs).max(axis=1)
+    beyond = np.mean(worst > noise.worst_averaged_v(width, [size] * runs))
+    assert 0.003 < beyond < 0.025
