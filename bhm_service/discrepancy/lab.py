@@ -54,6 +54,9 @@ _LEVEL_SD = 0.05  # of the resistance at each charge, within two seconds and a m
 _LEVEL_ENDS = 3.0  # times that near full and near empty, where the lab's load is short
 _LEVEL_S = 60.0  # what comes later the lab cannot tell from the open-circuit curve
 _MOST_WIDER = 3.0  # times that, where the flights show that a model follows its own pack less well
+# [V] of a cell: half a thousandth of it, the class of a good meter. That of the lab and that of the vehicle do not agree
+# any closer.
+_METER_SD_V = 0.0019
 _SKEW_SD_S = 0.4  # two filtered channels; and what relaxes within a second no lab at one hertz sees
 _SKEW_MOST_S = 1.0  # a sample: what is more is no matter of filters
 _SKEW_S = 1.0  # the lag that a skew is made of, as in the effect of that name
@@ -159,6 +162,7 @@ class Lab:
         form = zip(FORM, np.split(mean, ends), np.split(sds, ends), strict=True)
         return [
             *(numbers(f"lab_{name}", own, sd, _REACH * sd) for name, own, sd in form),
+            _near("lab_meter", 1, _METER_SD_V),
             numbers("lab_skew", np.zeros(1), _SKEW_SD_S, _SKEW_MOST_S),
         ]
 
@@ -207,20 +211,21 @@ class Lab:
         charge = np.clip(soc, 0.0, 1.0)
         skewed = -self.ohm * self.ohmic_share * (cell - late[-1]) / _SKEW_S
         bends = hats(BEND_SOC, soc)
-        ways = np.stack([bent * (1.0 - charge), bent * charge, skewed])
+        ways = np.stack([bent * (1.0 - charge), bent * charge, np.ones_like(charge), skewed])
         return np.asarray(self.series * np.concatenate([bends, drops, ways]))
 
     def beside(self, sizes: Array, followed: Array, current: Array, soc: Array) -> Array:
         """What numbers of `additions` add together (.., T), as `added` has it for one of each. [V]"""
         cell, late = current / self.parallel, followed / self.parallel
-        drops = sizes[BEND_SOC.size : -3].reshape(-1, DROP_SOC.size)
-        low, high, skew = sizes[-3:]
+        drops = sizes[BEND_SOC.size : -4].reshape(-1, DROP_SOC.size)
+        low, high, meter, skew = sizes[-4:]
         charge = np.clip(soc, 0.0, 1.0)
         amps = self._bending(cell) * (low + (high - low) * charge)
         amps += (skew * self.ohmic_share / _SKEW_S) * (cell - late[-1])
         for hat, shares in zip(hats(DROP_SOC, soc), drops.T, strict=True):
             amps += hat * np.tensordot(shares, late[:-1], axes=1)
-        return np.asarray(self.series * (np.interp(soc, BEND_SOC, sizes[: BEND_SOC.size]) - self.ohm * amps))
+        bend = np.interp(soc, BEND_SOC, sizes[: BEND_SOC.size])
+        return np.asarray(self.series * (bend + meter - self.ohm * amps))
 
     def _bending(self, cell: Array) -> Array:
         """How a drop bends with the current of a cell, without changing it at the hover. [A]"""

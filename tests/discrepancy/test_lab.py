@@ -25,7 +25,7 @@ def joint():
     return base([FLIGHT])
 
 
-@pytest.mark.parametrize("block", ["lab_bends", "lab_drop_0", "lab_drop_30", "lab_curve"])
+@pytest.mark.parametrize("block", ["lab_bends", "lab_drop_0", "lab_drop_30", "lab_curve", "lab_meter"])
 def test_what_an_addition_adds_is_what_the_prediction_changes_by(joint, block):
     """Twice the number is twice the change, and it is the row that `added` gives."""
     x = joint.unknowns.start
@@ -41,6 +41,14 @@ def test_what_an_addition_adds_is_what_the_prediction_changes_by(joint, block):
     row = rows[knot - joint.places["lab_bends"].start]
     np.testing.assert_allclose(once, joint.scale[knot] * row, atol=1e-9)
     assert np.abs(once).max() > 1e-4
+
+
+def test_the_vehicles_meter_is_the_labs_to_half_a_thousandth_and_reads_nothing_after_landing(joint):
+    points = np.tile(joint.unknowns.start, (2, 1))
+    points[1, joint.places["lab_meter"]] += joint.scale[joint.places["lab_meter"]]
+    modelled = joint.predicted(points, 0)
+    np.testing.assert_allclose(modelled.voltage[1] - modelled.voltage[0], 5e-4 * 3.8 * SERIES, rtol=1e-9)
+    assert modelled.rested[1] == modelled.rested[0]
 
 
 def test_bends_are_millivolts_of_a_cell_at_their_charge(joint):
