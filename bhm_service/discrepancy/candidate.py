@@ -26,6 +26,8 @@ _SCALES = {
     "current-gain": "capacity and resistance",
     "voltage-gain": "open-circuit curve",
     "voltage-offset": "open-circuit curve",
+    "ocv-shape": "open-circuit curve",
+    "resistance-shape": "resistance",
 }
 # A pack that is cold has more resistance before anything else: what else a temperature that nobody recorded would do is
 # not told from a temperature that is made to fit.

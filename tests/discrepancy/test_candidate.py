@@ -80,6 +80,7 @@ def test_a_weak_cell_is_looked_for_only_where_a_flight_goes_deep():
         ("capacity-fade", "capacity"), ("resistance-growth", "resistance"), ("contact-resistance", "resistance"),
         ("current-gain", "capacity and resistance"), ("partial-charge", "start"),
         ("voltage-gain", "open-circuit curve"), ("voltage-offset", "open-circuit curve"),
+        ("ocv-shape", "open-circuit curve"), ("resistance-shape", "resistance"),
     ],
 )  # fmt: skip
 def test_what_a_battery_file_of_another_pack_leaves_open_is_no_missing_physics(name, what):
