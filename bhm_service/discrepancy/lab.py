@@ -54,8 +54,8 @@ _LEVEL_SD = 0.05  # of the resistance at each charge, within two seconds and a m
 _LEVEL_ENDS = 3.0  # times that near full and near empty, where the lab's load is short
 _LEVEL_S = 60.0  # what comes later the lab cannot tell from the open-circuit curve
 _MOST_WIDER = 3.0  # times that, where the flights show that a model follows its own pack less well
-# [V] of a cell: half a thousandth of it, the class of a good meter. That of the lab and that of the vehicle do not agree
-# any closer.
+# [V] of a cell: half a thousandth of it, the class of a good meter. That of the lab and that of the vehicle agree no
+# closer.
 _METER_SD_V = 0.0019
 _SKEW_SD_S = 0.4  # two filtered channels; and what relaxes within a second no lab at one hertz sees
 _SKEW_MOST_S = 1.0  # a sample: what is more is no matter of filters
