@@ -12,11 +12,13 @@ import numpy as np
 from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.discrepancy import verdict
 from bhm_service.discrepancy.bent_curve import bent_curve
+from bhm_service.discrepancy.bent_lab import BentLab, bent_lab
 from bhm_service.discrepancy.changed_lag import changed_lag
 from bhm_service.discrepancy.confirm import BRIEF, Unseen, harmful
 from bhm_service.discrepancy.crossing import Witness
 from bhm_service.discrepancy.decoys import contests
 from bhm_service.discrepancy.explanation import Contest, Left
+from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.lab import Lab
 from bhm_service.discrepancy.patterns import Pattern, telling
@@ -106,7 +108,7 @@ def outweighed(found: Search, chosen: Selection, lab: Lab, logs: Sequence[Flight
     # Neither is an error of the lab, however small: no model of a cell keeps time, or changes within a second.
     left = recurring(fitted) or changed_lag(fitted, logs) or _pattern(found, chosen.names)
     if not chosen.names:
-        return chosen, left or bent_curve(fitted, lab)
+        return chosen, left or bent_curve(fitted, lab) or _everywhere(found, fitted, lab)
     if left is not None and left.nats > found.evidence(chosen.names) and share(found, chosen.names) < MUCH:
         return NOTHING, left
     if chosen.names <= STRUCTURAL:
@@ -114,6 +116,11 @@ def outweighed(found: Search, chosen: Selection, lab: Lab, logs: Sequence[Flight
         if bare is not None and bare.nats > found.evidence(chosen.names) - NATS:
             return NOTHING, bare
     return chosen, left
+
+
+def _everywhere(found: Search, fitted: Fitted, lab: Lab) -> BentLab | None:
+    """What a fit of no effect lays on all that the lab leaves open; a number that moved far is a verdict by itself."""
+    return bent_lab(fitted, lab) if verdict.beyond_lab(found) and not verdict.moved(fitted) else None
 
 
 def _pattern(found: Search, names: Names) -> Pattern | None:

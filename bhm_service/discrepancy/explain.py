@@ -32,7 +32,7 @@ from bhm_service.discrepancy.selection import Selection, taken
 from bhm_service.discrepancy.significance import familywise
 from bhm_service.discrepancy.summary import findings_of
 from bhm_service.discrepancy.timing import by_samples
-from bhm_service.discrepancy.words import effect_in_words, left_in_words, moved_of, sentence, values_of
+from bhm_service.discrepancy.words import effect_in_words, left_advice, left_in_words, moved_of, sentence, values_of
 from bhm_service.errors import BadInputError
 from bhm_service.units import SECONDS_PER_HOUR
 
@@ -95,8 +95,8 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
     judged = verdict.judge(found, chosen, fitted, courses, decision.contests, decision.left)
     described = "" if decision.left is None else left_in_words(decision.left)
     advised = advice(found, chosen, judged.verdict, tried, decision.contests)
-    if described:
-        advised.append(f"Look for a cause that goes with it: {described}.")
+    if decision.left is not None:
+        advised.append(left_advice(decision.left))
     findings = findings_of(found, decision, fits, courses, proof, judged, advised)
     if request.vehicle is not None:
         progress("the power that was asked for")

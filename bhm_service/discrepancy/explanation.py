@@ -8,6 +8,7 @@ from typing import TypeAlias
 
 from bhm_service.battery.battery_file import BatteryFile
 from bhm_service.discrepancy.bent_curve import BentCurve
+from bhm_service.discrepancy.bent_lab import BentLab
 from bhm_service.discrepancy.candidate import NotExcited
 from bhm_service.discrepancy.changed_lag import ChangedLag
 from bhm_service.discrepancy.confirm import HeldOut
@@ -25,7 +26,7 @@ from bhm_service.discrepancy.search import Search
 from bhm_service.discrepancy.selection import Selection
 from bhm_service.units import Array
 
-Left: TypeAlias = Pattern | Recurring | ChangedLag | BentCurve
+Left: TypeAlias = Pattern | Recurring | ChangedLag | BentCurve | BentLab
 """What an explanation leaves that no effect of the catalogue has: described, never called physics."""
 
 

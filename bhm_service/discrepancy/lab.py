@@ -1,9 +1,9 @@
 """What the lab leaves open: the errors that a well identified model may have without any physics missing.
 
-Scales of resistance, polarisation and capacity, the bend of the open-circuit curve, the course of resistance over
-SoC and the speed of relaxation each get a small prior. An effect is only claimed beyond what these can explain: with
-no such terms an effect absorbs every error of the model, with wide ones nothing could ever be found
-(Brynjarsdottir & O'Hagan 2014).
+Scales of resistance, polarisation and capacity, the bend of the open-circuit curve, the course of resistance over SoC,
+the speed of relaxation and what two meters differ by each get a small prior. An effect is only claimed beyond what
+these can explain: with no such terms an effect absorbs every error of the model, with wide ones nothing could ever be
+found (Brynjarsdottir & O'Hagan 2014).
 
 What a model's form is off by (bends, drops and how they bend with the current) the lab's own recordings show. Where the
 battery file says what these leave open (`lab_errors`), that is where such numbers are looked for, and only what differs

@@ -57,7 +57,7 @@ def judge(
         verdict = "ambiguous" if chosen.alternatives or unproven else alone
     elif strange:
         verdict = "unknown"
-    elif _moved(found, fitted):
+    elif moved(fitted):
         verdict = "parameter"
     elif sum(snr >= LEAST_SNR for snr in found.snr.values()) < _FEWEST_VISIBLE:
         verdict = "not-excited"
@@ -89,7 +89,8 @@ def _strange(found: Search, after: Sequence[Array], floor: float, coloured_v: fl
     return bool(worst > lab or worst > max(_UNLIKE * usual, _LONE_LAB * known, 2.0 * LEAST_V * series))
 
 
-def _moved(found: Search, fitted: Fitted) -> bool:
+def moved(fitted: Fitted) -> bool:
+    """Whether the pack's resistance or its capacity has moved by itself, further than chance would have it."""
     unknowns = fitted.joint.unknowns
     for name in ("lab_resistance", "lab_capacity"):
         where = unknowns.slice_of(name)

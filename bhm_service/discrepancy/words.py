@@ -9,6 +9,7 @@ import numpy as np
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.bent_curve import BentCurve
+from bhm_service.discrepancy.bent_lab import BentLab
 from bhm_service.discrepancy.changed_lag import ChangedLag
 from bhm_service.discrepancy.explanation import Course, Left
 from bhm_service.discrepancy.findings import Findings, Region
@@ -26,6 +27,7 @@ _LEAST_SHIFT = 0.01
 _LEAST_V = 0.005  # a smaller change of the pack's voltage goes without saying
 _MOST_OF = 0.5  # of the largest change: a flight with as much is named
 # Their size says it all: volts of the same thing again, or none of their own.
+_MOST_DIGITS = 9  # of odds that anybody reads
 _NO_TOLL = {"voltage-gain", "voltage-offset", "intermittent-contact", "self-heating", "core-lag", "ocv-shape"}
 _SENSOR = {"unseen-load", "current-gain", "current-offset", "partial-charge"}
 
@@ -174,7 +176,20 @@ def left_in_words(left: Left) -> str:
             f"the resting voltage of a cell is {1e3 * abs(left.cell_v):.0f} mV {way} the lab's at {left.soc:.0%} of "
             "charge, on all flights: more than a lab is off by"
         )
+    if isinstance(left, BentLab):
+        odds = 10 ** int(min(left.nats / np.log(10.0), _MOST_DIGITS))
+        return (
+            "the pack's resistance, capacity, curve and starting charges would all have to be off at once, by more "
+            f"than a lab is (odds below one in {odds:,})".replace(",000", " 000")
+        )
     return _pattern_in_words(left)
+
+
+def left_advice(left: Left) -> str:
+    """What to do about what is left."""
+    if isinstance(left, BentLab):
+        return "Identify the pack again on a bench: what its lab recordings say of it does not hold in flight."
+    return f"Look for a cause that goes with it: {left_in_words(left)}."
 
 
 def _pattern_in_words(pattern: Pattern) -> str:
