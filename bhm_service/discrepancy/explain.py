@@ -127,10 +127,12 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
 def _lab(request: Request, model: ModelName, flights: Sequence[FlightData]) -> Lab:
     """The pack as its file has it, without effects of which no flight tells what drives them: they do nothing here.
 
-    So the search may try them, and find what drives them.
+    So the search may try them, and find what drives them. A file of another pack has the law of all cells from no
+    bench: what it leaves open is more than a temperature that nobody recorded could be told from.
     """
+    lab = lab_of(request.battery, model, request.series, request.capacity_c)
     told = {driver for flight in flights for driver in known_drivers([flight])}
-    return lab_of(request.battery, model, request.series, request.capacity_c).driven(told)
+    return lab.driven(told) if lab.identified else lab
 
 
 def _tried(lab: Lab, flights: Sequence[FlightData]) -> tuple[list[Candidate], list[NotExcited]]:
