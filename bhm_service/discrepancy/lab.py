@@ -57,6 +57,7 @@ _MOST_WIDER = 3.0  # times that, where the flights show that a model follows its
 # [V] of a cell: half a thousandth of it, the class of a good meter. That of the lab and that of the vehicle agree no
 # closer.
 _METER_SD_V = 0.0019
+_NOTHING_V = 1e-9
 _SKEW_SD_S = 0.4  # two filtered channels; and what relaxes within a second no lab at one hertz sees
 _SKEW_MOST_S = 1.0  # a sample: what is more is no matter of filters
 _SKEW_S = 1.0  # the lag that a skew is made of, as in the effect of that name
@@ -162,7 +163,8 @@ class Lab:
         form = zip(FORM, np.split(mean, ends), np.split(sds, ends), strict=True)
         return [
             *(numbers(f"lab_{name}", own, sd, _REACH * sd) for name, own, sd in form),
-            _near("lab_meter", 1, _METER_SD_V),
+            # Of a lab that told nothing of its form it is a part of what its curve may be off by.
+            _near("lab_meter", 1, _METER_SD_V if self.form_told else _NOTHING_V),
             numbers("lab_skew", np.zeros(1), _SKEW_SD_S, _SKEW_MOST_S),
         ]
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from battery.cells import CAPACITY_C, circ
-from discrepancy.flown import BATTERY, SERIES, base, flown
+from discrepancy.flown import BATTERY, SERIES, base, flown, told_its_form
 
 from bhm_service.battery.battery_file import BatteryFile, Joined
 from bhm_service.battery.effects import DoubleLayer
@@ -25,7 +25,7 @@ def joint():
     return base([FLIGHT])
 
 
-@pytest.mark.parametrize("block", ["lab_bends", "lab_drop_0", "lab_drop_30", "lab_curve", "lab_meter"])
+@pytest.mark.parametrize("block", ["lab_bends", "lab_drop_0", "lab_drop_30", "lab_curve"])
 def test_what_an_addition_adds_is_what_the_prediction_changes_by(joint, block):
     """Twice the number is twice the change, and it is the row that `added` gives."""
     x = joint.unknowns.start
@@ -43,12 +43,17 @@ def test_what_an_addition_adds_is_what_the_prediction_changes_by(joint, block):
     assert np.abs(once).max() > 1e-4
 
 
-def test_the_vehicles_meter_is_the_labs_to_half_a_thousandth_and_reads_nothing_after_landing(joint):
+def test_the_vehicles_meter_is_a_told_labs_to_half_a_thousandth_and_reads_nothing_after_landing(joint):
+    joint = replace(joint, lab=told_its_form(joint.lab))
     points = np.tile(joint.unknowns.start, (2, 1))
     points[1, joint.places["lab_meter"]] += joint.scale[joint.places["lab_meter"]]
     modelled = joint.predicted(points, 0)
     np.testing.assert_allclose(modelled.voltage[1] - modelled.voltage[0], 5e-4 * 3.8 * SERIES, rtol=1e-9)
     assert modelled.rested[1] == modelled.rested[0]
+
+
+def test_of_a_lab_that_told_no_form_no_meter_is_apart_from_its_curve(joint):
+    assert joint.scale[joint.places["lab_meter"]] < 1e-6
 
 
 def test_bends_are_millivolts_of_a_cell_at_their_charge(joint):
