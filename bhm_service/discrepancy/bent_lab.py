@@ -32,8 +32,8 @@ def bent_lab(fitted: Fitted[Joint], lab: Lab) -> BentLab | None:
         return None
     joint = replace(fitted.joint, lab=lab)
     found = fit(joint, fitted.noise, fitted.x)
-    seen = np.linalg.eigvals(np.linalg.solve(joint.known, found.curvature - joint.known)).real
-    nats = unlikely(float(np.sum(joint.pulls(found.x) ** 2)), np.maximum(seen, 0.0) / (1.0 + np.maximum(seen, 0.0)))
+    seen = np.linalg.eigvals(np.linalg.solve(joint.known, found.curvature - joint.known)).real.clip(min=0.0)
+    nats = unlikely(float(np.sum(joint.pulls(found.x) ** 2)), seen / (1.0 + seen))
     return BentLab(nats) if nats > NATS else None
 
 

@@ -26,8 +26,8 @@ from bhm_service.units import Value
 _LEAST_SHIFT = 0.01
 _LEAST_V = 0.005  # a smaller change of the pack's voltage goes without saying
 _MOST_OF = 0.5  # of the largest change: a flight with as much is named
-# Their size says it all: volts of the same thing again, or none of their own.
 _MOST_DIGITS = 9  # of odds that anybody reads
+# Their size says it all: volts of the same thing again, or none of their own.
 _NO_TOLL = {"voltage-gain", "voltage-offset", "intermittent-contact", "self-heating", "core-lag", "ocv-shape"}
 _SENSOR = {"unseen-load", "current-gain", "current-offset", "partial-charge"}
 
