@@ -74,6 +74,7 @@ class Flown:
     airspeed_mps: Array
     density: Array  # [kg/m^3]
     weighed: bool  # whether a barometer told the density
+    air_told: bool = False  # and something how warm the air was
 
     def until(self, samples: int) -> Flown:
         """Its first samples."""
@@ -118,6 +119,7 @@ def flown_of(data: FlightData, air_k: float | None = None) -> Flown | None:
         airspeed_mps=data.speed_mps[inside],
         density=density if weighed else np.full(pressure.size, AIR_DENSITY),
         weighed=weighed,
+        air_told=weighed and air_k is not None,
     )
 
 

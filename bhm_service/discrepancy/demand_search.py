@@ -31,7 +31,7 @@ _NO_WORSE = 1.005  # times the error without the effects, on unseen flights
 # needs no long odds, only strong evidence that these flights show it.
 LAWS = frozenset({"air-density", "wind-tilt", "translational-lift", "climb-power"})
 SOME = "some"  # flights carry the payload, the others none
-PAYLOAD = "payload-mass"
+PAYLOAD, WEAR = "payload-mass", "propulsion-efficiency"
 _ORDER = {name: place for place, name in enumerate(DEMAND_EFFECTS)}
 
 Fit = Fitted[Demand]
@@ -76,7 +76,10 @@ class DemandSearch:
     def needed(self, name: str) -> float:
         """What a member of a set has to earn; what was let go in flight has earned its place by its steps. [nats]"""
         let_go = any(t.key == name and t.change_points for t in self.terms)
-        return STRONG if name in LAWS or let_go else NATS
+        # Propellers wear on every vehicle. What looks like it is a day that grows warmer, unless the air is known;
+        # hovers that only scatter, by whatever it be, earn as much in fewer than one of a hundred sets of flights.
+        wear = name == WEAR and all(f.air_told for f in self.base.flights)
+        return STRONG if name in LAWS or let_go or wear else NATS
 
     def ranked(self) -> list[Names]:
         """All sets that were fitted, the best first."""
@@ -131,7 +134,7 @@ def terms_of(demand: Demand) -> list[Term]:
     for name in DEMAND_EFFECTS:
         if name == PAYLOAD:
             found.append(Term(id=name, per_flight=True, shapes=(one,) * count))
-        elif name == "propulsion-efficiency":
+        elif name == WEAR:
             # Wear has an order: none on the first flight, all of it on the last. A loss from the first flight on is
             # the level of the hover, which nobody knows so well.
             found.append(Term(id=name, shapes=tuple(np.full(1, k / max(count - 1, 1)) for k in range(count))))
