@@ -11,7 +11,7 @@ import numpy as np
 
 from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.discrepancy import verdict
-from bhm_service.discrepancy.bent_curve import bent_curve
+from bhm_service.discrepancy.bent_curve import bent_curve, bumped_curve
 from bhm_service.discrepancy.bent_lab import BentLab, bent_lab
 from bhm_service.discrepancy.changed_lag import changed_lag
 from bhm_service.discrepancy.confirm import BRIEF, Unseen, harmful
@@ -108,7 +108,8 @@ def outweighed(found: Search, chosen: Selection, lab: Lab, logs: Sequence[Flight
     # Neither is an error of the lab, however small: no model of a cell keeps time, or changes within a second.
     left = recurring(fitted) or changed_lag(fitted, logs) or _pattern(found, chosen.names)
     if not chosen.names:
-        return chosen, left or bent_curve(fitted, lab) or _everywhere(found, fitted, lab)
+        bent = bent_curve(fitted, lab) or bumped_curve(fitted, lab)
+        return chosen, left or bent or _everywhere(found, fitted, lab)
     if left is not None and left.nats > found.evidence(chosen.names) and share(found, chosen.names) < MUCH:
         return NOTHING, left
     if chosen.names <= STRUCTURAL:
@@ -124,5 +125,5 @@ def _everywhere(found: Search, fitted: Fitted, lab: Lab) -> BentLab | None:
 
 
 def _pattern(found: Search, names: Names) -> Pattern | None:
-    """The pattern that a set leaves; what is within the lab's own errors is one of those."""
-    return telling(found.fitted(names)) if names or verdict.beyond_lab(found) else None
+    """The pattern that a set leaves; what is within the lab's own errors, and may be one, is one of those."""
+    return telling(found.fitted(names), lines_only=not names and not verdict.beyond_lab(found))

@@ -46,6 +46,7 @@ class FlightData:
     reading: float | None = None  # state of charge at the start that a gauge gives, None: taken as full
     notes: Notes = Notes()
     cold_board_k: float | None = None  # of the barometer's board, soon after the autopilot's boot
+    board_k: Array | None = None  # the same all along; NaN where not recorded
     shifts_a: Array | None = None  # (shifts, T), see `shifted_a`; None: the samples' own tell it
 
     @property
@@ -95,6 +96,7 @@ class FlightData:
             climb_mps=mean(self.climb_mps),
             speed_mps=mean(self.speed_mps),
             pressure_pa=mean(self.pressure_pa),
+            board_k=None if self.board_k is None else mean(self.board_k),
         )
 
     def part(self, where: slice) -> FlightData:
@@ -106,8 +108,9 @@ class FlightData:
             )
         }  # fmt: skip
         kelvin = None if self.temperature_k is None else self.temperature_k[where]
+        board = None if self.board_k is None else self.board_k[where]
         shifts = None if self.shifts_a is None else self.shifts_a[:, where]
-        return replace(self, temperature_k=kelvin, shifts_a=shifts, **cut)
+        return replace(self, temperature_k=kelvin, board_k=board, shifts_a=shifts, **cut)
 
 
 def usual_step_s(flights: Sequence[FlightData]) -> float:
@@ -237,6 +240,7 @@ def _flight(
         reading=_reading(recording.remaining[part]),
         notes=notes,
         cold_board_k=recording.cold_board_k,
+        board_k=recording.board_k[part],
     )
     without = [_PARTIAL.format(int(partial.sum()), volts.size)] if partial.any() else []
     seen = before_unseen_landing(time_s[known], current[known])

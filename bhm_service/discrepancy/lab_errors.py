@@ -18,6 +18,7 @@ from bhm_service.discrepancy.abreast import sudden
 from bhm_service.discrepancy.fitting import weights
 from bhm_service.discrepancy.lab import FORM, Lab, followed, lab_of
 from bhm_service.discrepancy.noise import SUDDEN, Noise, estimated
+from bhm_service.discrepancy.readings import bridged
 from bhm_service.identification.experiment import Experiment
 from bhm_service.identification.identify import ModelResult
 from bhm_service.identification.problem import LOW_SOC
@@ -105,7 +106,7 @@ def _recordings(lab: Lab, runs: Sequence[Followed], form: int) -> list[_Recordin
         shapes = np.zeros((form + len(runs), time_s.size))
         shapes[:form] = lab.added(followed(time_s, current_a), current_a, run.soc)[:form]
         shapes[form + k] = lab.series * _START_SD * _slope(lab, run.soc)
-        misfit = _bridged(lab.series * run.misfit_v, known)
+        misfit = bridged(lab.series * run.misfit_v, known)
         # Of the whole drop: what a double layer has within a second comes at once to a recording of one hertz.
         found.append(_Recording(misfit, shapes, known, lab.ohm * lab.series * sudden(current_a)))
     return found
@@ -115,9 +116,3 @@ def _slope(lab: Lab, soc: Array) -> Array:
     """Of the open-circuit curve. [V]"""
     ends = [np.asarray(lab.cell.open_circuit(np.clip(soc + step, 0.0, 1.0))) for step in (-_STEP, _STEP)]
     return np.asarray((ends[1] - ends[0]) / (2.0 * _STEP))
-
-
-def _bridged(series: Array, known: Flags) -> Array:
-    """A series with straight lines over what is not known."""
-    at = np.arange(series.size)
-    return np.interp(at, at[known], series[known])

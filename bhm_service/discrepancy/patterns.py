@@ -2,10 +2,14 @@
 
 A voltage, or a resistance, that varies smoothly with one recorded variable is added to an explanation, and its
 evidence is taken by one linear step, which is exact: it only adds to the voltage. It is a description, never physics.
+
+Over what no effect of the catalogue, and no error of a cell's model, has to do with (how fast and how high the vehicle
+flies, how warm the autopilot is) a straight line is tried as well. It can take one form only, so it needs to tell less.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,14 +18,20 @@ import numpy as np
 from bhm_service.discrepancy.fitting import Fitted, one_step, weights
 from bhm_service.discrepancy.lab import hats
 from bhm_service.discrepancy.locate import variables
-from bhm_service.units import Array
+from bhm_service.discrepancy.readings import bridged
+from bhm_service.discrepancy.search import NATS
+from bhm_service.units import ZERO_CELSIUS_K, Array, Flags
 
 Kind = Literal["voltage", "resistance"]
 _TELLING = 30.0  # [nats] as for what looks like a model's structure: a pattern can take many forms
 _KNOTS = 5
-_VOLTAGE_SD = 0.01  # [V] of a cell: what a pattern is expected to be off by
+_TOLD_SHARE = 0.8  # of a flight's samples that have to tell what a line is drawn over
+VOLTAGE_SD = 0.01  # [V] of a cell: what a pattern is expected to be off by
 _RESISTANCE_SD = 0.15  # of the pack's resistance, likewise
 _OPEN = frozenset({"soc", "current_A"})  # over these the lab leaves both open already
+_KINDS: tuple[Kind, ...] = ("voltage", "resistance")
+# What these have nothing to do with in a battery. Where an autopilot is warm a pack is, and its resistance follows.
+_FOREIGN: dict[str, tuple[Kind, ...]] = {"speed_mps": _KINDS, "altitude_m": _KINDS, "board_C": ("voltage",)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,16 +45,24 @@ class Pattern:
     sd: Array
     nats: float  # of evidence beyond the explanation that it was added to
     varies_v: float  # [V] of the pack, about its mean: what is the same everywhere is no pattern
+    line: bool = False  # straight from the lowest to the highest
 
 
-def telling(fitted: Fitted) -> Pattern | None:
+def telling(fitted: Fitted, lines_only: bool = False) -> Pattern | None:
     """The most telling pattern on top of a fit, if any says enough.
 
-    What varies by less than the lab's own model is off by is one of that model's errors, whatever it follows.
+    What varies by less than the lab's own model is off by is one of that model's errors, whatever it follows. Not so a
+    line, where the lab told which errors these are; ``lines_only`` asks for no other pattern.
     """
     lab = fitted.joint.lab
     least_v = lab.series * lab.voltage_error_v if lab.identified else 0.0
-    return next((p for p in patterns(fitted) if p.nats >= _TELLING and p.varies_v > least_v), None)
+
+    def tells(pattern: Pattern) -> bool:
+        if pattern.line:
+            return lab.form_told and pattern.nats >= NATS
+        return not lines_only and pattern.nats >= _TELLING and pattern.varies_v > least_v
+
+    return next(filter(tells, patterns(fitted)), None)
 
 
 def patterns(fitted: Fitted) -> list[Pattern]:
@@ -52,26 +70,31 @@ def patterns(fitted: Fitted) -> list[Pattern]:
     flights = fitted.joint.flights
     soc = [modelled.soc for modelled in fitted.joint.all_predicted(fitted.x[None, :])]
     over = variables(flights, soc)
+    lengths = [f.time_s.size for f in flights]
+    # How warm an autopilot is goes with how warm its pack is and how long it flies: no form but a line is looked at.
+    board = [f.board_k for f in flights if f.board_k is not None]
+    boards = {"board_C": np.concatenate(board) - ZERO_CELSIUS_K} if len(board) == len(flights) else {}
+    tried = [(name, _triangles(values), _KINDS) for name, values in over.items() if name not in _OPEN]
+    tried += [(n, _line(v, lengths), _FOREIGN[n]) for n, v in (over | boards).items() if n in _FOREIGN]
     current = np.concatenate([f.current_a for f in flights])
     lab = fitted.joint.lab
     ohm = lab.series * lab.ohm / lab.parallel
     found = []
     kinds: tuple[tuple[Kind, Array, float], ...] = (
-        ("voltage", np.ones(current.size), _VOLTAGE_SD * lab.series),
+        ("voltage", np.ones(current.size), VOLTAGE_SD * lab.series),
         ("resistance", -current, _RESISTANCE_SD * ohm),
     )
-    for name, values in over.items():
-        shapes, knots = _shapes(values)
-        if name in _OPEN or knots.size < 2:
-            continue
-        for kind, by, sd in kinds:
-            heights, spread, nats = _added(fitted, sd * by * shapes)
-            varies_v = float(np.std((sd * heights @ shapes * by)[np.isfinite(values)]))
-            found.append(Pattern(kind, name, knots, sd * heights, sd * spread, nats, varies_v))
+    for name, forms, allowed in tried:
+        for form in forms:
+            for kind, by, sd in (own for own in kinds if own[0] in allowed):
+                sizes, spread, nats = added(fitted, sd * by * form.shapes)
+                varies_v = float(np.std((sd * sizes @ form.shapes * by)[form.known]))
+                heights, sds = sd * form.at_knots @ sizes, sd * np.abs(form.at_knots) @ spread
+                found.append(Pattern(kind, name, form.knots, heights, sds, nats, varies_v, form.line))
     return sorted(found, key=lambda p: -p.nats)
 
 
-def _added(fitted: Fitted, shapes: Array) -> tuple[Array, Array, float]:
+def added(fitted: Fitted, shapes: Array) -> tuple[Array, Array, float]:
     """Size, spread and evidence [nats] of shapes (shapes, T of all flights) with a prior of one."""
     begin = 0
     size = shapes.shape[0]
@@ -92,13 +115,40 @@ def _added(fitted: Fitted, shapes: Array) -> tuple[Array, Array, float]:
     return heights, np.sqrt(np.diag(np.linalg.inv(information + np.eye(size)))).astype(float), nats
 
 
-def _shapes(values: Array) -> tuple[Array, Array]:
-    """Triangles over a variable's own knots (knots, T), zero where it is not known, and the knots."""
+@dataclass(frozen=True, slots=True)
+class _Form:
+    """How something may follow a variable: shapes (shapes, T), and what one of each is at the knots (knots, shapes)."""
+
+    knots: Array
+    shapes: Array
+    at_knots: Array
+    known: Flags  # samples that tell the variable (T,)
+    line: bool = False
+
+
+def _triangles(values: Array) -> list[_Form]:
+    """Over a variable's own knots; zero where it is not known."""
     known = np.isfinite(values)
     if known.sum() < 20 or np.ptp(values[known]) <= 1e-9:
-        return np.zeros((0, values.size)), np.zeros(0)
+        return []
     distinct = np.unique(values[known])
     knots = distinct if distinct.size <= 2 * _KNOTS else np.unique(
         np.quantile(values[known], np.linspace(0.0, 1.0, _KNOTS))
     )  # fmt: skip
-    return np.where(known, hats(knots, np.where(known, values, knots[0])), 0.0), knots
+    shapes = np.where(known, hats(knots, np.where(known, values, knots[0])), 0.0)
+    return [_Form(knots, shapes, np.eye(knots.size), known)] if knots.size > 1 else []
+
+
+def _line(values: Array, lengths: Sequence[int]) -> list[_Form]:
+    """From a variable's least to its most, over flights of so many samples that tell most of it."""
+    flights = np.split(values, np.cumsum(lengths)[:-1])
+    if any(np.mean(np.isfinite(own)) < _TOLD_SHARE for own in flights):
+        return []
+    # Steps to nothing and back, where a sample lacks it, would be all that a filter of noise sees.
+    told = np.concatenate([bridged(own, np.isfinite(own)) for own in flights])
+    ends = np.array([told.min(), told.max()])
+    middle, width = float(told.mean()), float(told.std())
+    if width <= 1e-9:
+        return []
+    shape, at_ends = (told - middle)[None, :] / width, ((ends - middle) / width)[:, None]
+    return [_Form(ends, shape, at_ends, np.isfinite(values), line=True)]

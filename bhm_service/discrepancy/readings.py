@@ -1,5 +1,7 @@
-"""Which readings are of the pack: not voltages that jump away and back, those of a part of it, or after a load that
-came to an end while nothing was recorded.
+"""Which readings are of the pack, and what lies between them.
+
+Not of it are voltages that jump away and back, those of a part of it, or after a load that came to an end while nothing
+was recorded.
 """
 
 from __future__ import annotations
@@ -79,3 +81,9 @@ def _away(series: Array) -> Array:
 def _scatter(away: Array) -> float:
     """The size of what is usual."""
     return float(np.nanmedian(np.abs(away)))
+
+
+def bridged(series: Array, known: Flags) -> Array:
+    """A series (T,) with straight lines over what is not known, level at its ends."""
+    at = np.arange(series.size)
+    return np.interp(at, at[known], series[known])

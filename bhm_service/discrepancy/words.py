@@ -50,6 +50,7 @@ VARIABLES = {
     "temperature_C": Variable("pack temperature", "degC"),
     "altitude_m": Variable("altitude", "m"),
     "speed_mps": Variable("ground speed", "m/s", digits=1),
+    "board_C": Variable("the autopilot's own temperature", "degC"),
     "cycles": Variable("charge cycles", ""),
     "storage_days": Variable("storage", "days"),
     "flight": Variable("flight", ""),
@@ -172,9 +173,12 @@ def left_in_words(left: Left) -> str:
         return f"from {left.flight} on the voltage follows the load {way} than before, as through another filter"
     if isinstance(left, BentCurve):
         way = "above" if left.cell_v > 0.0 else "below"
+        off = "more than a lab is off by"
+        if left.narrow:
+            off = "no lab is off by as much within some percent of charge only"
         return (
             f"the resting voltage of a cell is {1e3 * abs(left.cell_v):.0f} mV {way} the lab's at {left.soc:.0%} of "
-            "charge, on all flights: more than a lab is off by"
+            f"charge, on all flights: {off}"
         )
     if isinstance(left, BentLab):
         odds = 10 ** int(min(left.nats / np.log(10.0), _MOST_DIGITS))

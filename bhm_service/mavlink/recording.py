@@ -50,6 +50,7 @@ class Recording:
     throttle: Array
     pressure_pa: Array
     wind_mps: Array
+    board_k: Array  # of the barometer's board
     flights: tuple[Flight, ...]
     pack_changes: tuple[tuple[float, str], ...]  # time and reason
     parameters: dict[str, float]
@@ -64,6 +65,7 @@ class Recording:
 
 
 _MOTION = ("relative_altitude_m", "ground_speed_mps", "air_speed_mps", "climb_mps", "throttle")
+_AROUND = ("pressure_pa", "wind_mps", "board_k")
 
 
 def battery_ids(messages: Iterable[Message]) -> set[int]:
@@ -85,7 +87,7 @@ def record(log: Log, battery_id: int, series: int, capacity_c: float, airborne_a
     merger = SampleMerger(battery_id)
     phases = PhaseDetector(airborne_a if airborne_a is not None else default_airborne_a(capacity_a))
     watch = PackWatch(series, rest_a=resting_a(capacity_a))
-    now = dict.fromkeys((*_MOTION, "pressure_pa", "wind_mps"), np.nan)
+    now = dict.fromkeys((*_MOTION, *_AROUND), np.nan)
     rows: list[tuple[float, ...]] = []
     times: list[float] = []
     edges: list[tuple[float, bool, str]] = []
@@ -101,6 +103,8 @@ def record(log: Log, battery_id: int, series: int, capacity_c: float, airborne_a
         elif isinstance(message, Air):
             if message.pressure_pa is not None:
                 now["pressure_pa"] = message.pressure_pa
+            if message.board_temperature_k is not None:
+                now["board_k"] = message.board_temperature_k
             air = air or message
         elif isinstance(message, Wind):
             now["wind_mps"] = message.speed_mps
@@ -148,8 +152,7 @@ _COLUMNS = (
     "temperature_k",
     "remaining",
     *_MOTION,
-    "pressure_pa",
-    "wind_mps",
+    *_AROUND,
 )
 
 
@@ -163,9 +166,7 @@ def _row(sample: BatterySample, now: dict[str, float]) -> tuple[float, ...]:
         known(sample.current_a),
         known(sample.temperature_k),
         known(sample.remaining),
-        *(now[name] for name in _MOTION),
-        now["pressure_pa"],
-        now["wind_mps"],
+        *(now[name] for name in (*_MOTION, *_AROUND)),
     )
 
 

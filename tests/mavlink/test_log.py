@@ -120,6 +120,14 @@ def test_a_board_is_cold_only_where_the_log_begins_soon_after_its_boot(data, fli
     assert recording.cold_board_k == (None if celsius is None else pytest.approx(celsius + 273.15))
 
 
+def test_a_board_is_followed_all_along(data):
+    recording = record(read_log(data / "flights" / "tlog" / "acuasi_quad_flight5.tlog"), 0, 4, 4 * 3600)
+    told = recording.board_k[np.isfinite(recording.board_k)]
+    assert told.size > 0.95 * recording.board_k.size
+    assert told[0] == pytest.approx(recording.cold_board_k, abs=2.0)
+    assert told.max() - told[0] > 5.0  # it warms by itself
+
+
 def test_old_dataflash_in_centivolts_is_read_in_volts(data):
     log = read_log(data / "flights" / "bin" / "joey_y6_2014-10-18.bin")
     status = messages_of(log, BatteryStatus)
