@@ -57,7 +57,6 @@ _MOST_WIDER = 3.0  # times that, where the flights show that a model follows its
 # [V] of a cell: half a thousandth of it, the class of a good meter. That of the lab and that of the vehicle agree no
 # closer.
 _METER_SD_V = 0.0019
-_NOTHING_V = 1e-9
 _SKEW_SD_S = 0.4  # two filtered channels; and what relaxes within a second no lab at one hertz sees
 _SKEW_MOST_S = 1.0  # a sample: what is more is no matter of filters
 _SKEW_S = 1.0  # the lag that a skew is made of, as in the effect of that name
@@ -163,9 +162,9 @@ class Lab:
         form = zip(FORM, np.split(mean, ends), np.split(sds, ends), strict=True)
         return [
             *(numbers(f"lab_{name}", own, sd, _REACH * sd) for name, own, sd in form),
-            # Of a lab that told nothing of its form it is a part of what its curve may be off by.
-            _near("lab_meter", 1, _METER_SD_V if self.form_told else _NOTHING_V),
             numbers("lab_skew", np.zeros(1), _SKEW_SD_S, _SKEW_MOST_S),
+            # Of a lab that told nothing of its form it is a part of what its curve may be off by.
+            *([_near("lab_meter", 1, _METER_SD_V)] if self.form_told else []),
         ]
 
     def known(self, unknowns: Unknowns) -> Array:
@@ -213,21 +212,22 @@ class Lab:
         charge = np.clip(soc, 0.0, 1.0)
         skewed = -self.ohm * self.ohmic_share * (cell - late[-1]) / _SKEW_S
         bends = hats(BEND_SOC, soc)
-        ways = np.stack([bent * (1.0 - charge), bent * charge, np.ones_like(charge), skewed])
-        return np.asarray(self.series * np.concatenate([bends, drops, ways]))
+        ways = [bent * (1.0 - charge), bent * charge, skewed, *([np.ones_like(charge)] if self.form_told else [])]
+        return np.asarray(self.series * np.concatenate([bends, drops, np.stack(ways)]))
 
     def beside(self, sizes: Array, followed: Array, current: Array, soc: Array) -> Array:
         """What numbers of `additions` add together (.., T), as `added` has it for one of each. [V]"""
         cell, late = current / self.parallel, followed / self.parallel
-        drops = sizes[BEND_SOC.size : -4].reshape(-1, DROP_SOC.size)
-        low, high, meter, skew = sizes[-4:]
+        ways = sum(FORM.values()) - FORM["curve"]
+        drops = sizes[BEND_SOC.size : ways].reshape(-1, DROP_SOC.size)
+        low, high, skew, *meter = sizes[ways:]
         charge = np.clip(soc, 0.0, 1.0)
         amps = self._bending(cell) * (low + (high - low) * charge)
         amps += (skew * self.ohmic_share / _SKEW_S) * (cell - late[-1])
         for hat, shares in zip(hats(DROP_SOC, soc), drops.T, strict=True):
             amps += hat * np.tensordot(shares, late[:-1], axes=1)
         bend = np.interp(soc, BEND_SOC, sizes[: BEND_SOC.size])
-        return np.asarray(self.series * (bend + meter - self.ohm * amps))
+        return np.asarray(self.series * (bend + sum(meter) - self.ohm * amps))
 
     def _bending(self, cell: Array) -> Array:
         """How a drop bends with the current of a cell, without changing it at the hover. [A]"""
