@@ -158,6 +158,8 @@ def _core_lag(s: Scene) -> str:
 def _entropic_voltage(s: Scene) -> str:
     def told(soc: float) -> str:
         millivolt = s.lab.series * (s.value("slope") + s.value("tilt") * (soc - 0.5))
+        if abs(millivolt) < 0.05:
+            return "stays"
         return f"{'rises' if millivolt > 0.0 else 'falls'} by {abs(millivolt):.1f} mV"
 
     ends = told(1.0), told(0.2)

@@ -81,7 +81,7 @@ def explained_page(e: Explanation) -> str:
         not_shown=tables.not_shown(e),
         left_out=[(r.label, r.because) for r in e.left_out],
         fit=tables.fit(e),
-        fit_header=tables.FIT_HEADER,
+        fit_header=tables.fit_header(e),
         repaired=e.findings.battery_file or "",
         rest=f"{100.0 * e.findings.unexplained_rest:.0f} %" if e.findings.unexplained_rest else "",
         **{name: "" if figure is None else as_html(figure) for name, figure in figures.items()},
@@ -188,7 +188,7 @@ def _lines(text: str, lines: int, style: str = "") -> Text:
 
 def _fit_table(e: Explanation) -> Table:
     table = Table(box=None, padding=(0, 2, 0, 0))
-    for k, head in enumerate(tables.FIT_HEADER):
+    for k, head in enumerate(tables.fit_header(e)):
         table.add_column(head, justify="left" if k == 0 else "right")
     for row in tables.fit(e):
         table.add_row(*row)

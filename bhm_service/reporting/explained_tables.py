@@ -23,7 +23,6 @@ RIVAL_HEADER = ("instead", "evidence against the chosen", "so", "what would sepa
 DECOY_HEADER = ("phantom driver", "the true one is ahead by", "")
 FLIGHT_HEADER = ("flight", "battery file", "its numbers adjusted", "explanation")
 FLYING_HEADER = ("flight", "battery file", "explanation", "change")
-FIT_HEADER = ("voltage error (RMSE)", "battery file", "explanation")
 _MOST_RIVALS = 8
 _CERTAIN_NATS = 15.0  # a million to one and more reads as ruled out, not as odds
 _NO_LIMIT_K = 200.0  # a kelvin number that cannot be below is a temperature, not a difference
@@ -189,12 +188,20 @@ def held_out(e: Explanation) -> list[tuple[str, ...]]:
     ]
 
 
+def fit_header(e: Explanation) -> tuple[str, ...]:
+    """Over the columns of `fit`: without an effect, flights are followed by what the lab leaves open at best."""
+    return "voltage error (RMSE)", "battery file", "explanation" if e.findings.effects else "its numbers adjusted"
+
+
 def fit(e: Explanation) -> list[tuple[str, ...]]:
-    """Rows under `FIT_HEADER`."""
+    """Rows under `fit_header`."""
     f = e.findings.fit
     rows = [("on the flights of the fit", _millivolts(f.rmse_before_V), _millivolts(f.rmse_after_V))]
-    if f.heldout_before_V is not None and f.heldout_after_V is not None:
-        rows.append(("on flights that no fit saw", _millivolts(f.heldout_before_V), _millivolts(f.heldout_after_V)))
+    before, after = f.heldout_before_V, f.heldout_after_V
+    if not e.findings.effects and e.held_out is not None:
+        after = e.held_out.tuned_v
+    if before is not None and after is not None:
+        rows.append(("on flights that no fit saw", _millivolts(before), _millivolts(after)))
     return [*rows, ("noise of the recordings", "", _millivolts(f.noise_floor_V))]
 
 

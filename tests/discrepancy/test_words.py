@@ -91,7 +91,11 @@ def test_what_comes_with_age_is_told_as_it_is_at_the_oldest_flight():
 
 @pytest.mark.parametrize(
     ("tilt", "told"),
-    [(0.5, "rises by 0.9 mV when full and falls by 1.5 mV at 20 % of charge"), (0.0, "falls by 0.6 mV")],
+    [
+        (0.5, "rises by 0.9 mV when full and falls by 1.5 mV at 20 % of charge"),
+        (0.2, "stays when full and falls by 1.0 mV at 20 % of charge"),
+        (0.0, "falls by 0.6 mV"),
+    ],
 )
 def test_what_differs_with_charge_is_told_of_a_full_pack_and_a_low_one(tilt, told):
     text = said("entropic-voltage", {"slope": -0.1, "tilt": tilt})

@@ -96,6 +96,13 @@ def test_what_is_not_known_is_not_shown(done):
     assert "What was tried" in page
 
 
+def test_where_nothing_is_missing_unseen_flights_are_followed_by_adjusted_numbers(done):
+    bare = replace(nothing_found(done, "unknown"), held_out=done.held_out)
+    assert tables.fit_header(bare)[2] == "its numbers adjusted"
+    assert tables.fit(bare)[1] == ("on flights that no fit saw", "402 mV", f"{1e3 * done.held_out.tuned_v:.0f} mV")
+    assert tables.fit_header(done)[2] == "explanation"
+
+
 @pytest.mark.parametrize("verdict", ["none", "parameter", "unknown", "not-excited", "ambiguous", "sensor-suspect"])
 def test_every_verdict_has_its_page(done, verdict):
     for e in (nothing_found(done, verdict), saying(done, verdict=verdict, unexplained_rest=0.2)):
