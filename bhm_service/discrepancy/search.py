@@ -38,7 +38,7 @@ FREE = frozenset({"ocv-shape", "resistance-shape"})
 _FREE_NATS = 60.0
 # What no cell is without, by a size that is known before: where what drives it was recorded, the battery file lacks a
 # law, not a thing that may have happened to the pack. That it holds needs no long odds, only that flights show it.
-LAWS = frozenset({"resistance-temperature"})
+LAWS = frozenset({"resistance-temperature", "self-discharge"})
 # Of what is asked of these, where what the structure gets wrong in the lab is known and taken off already.
 _TOLD_SHARE = 0.6
 _TOLD = STRUCTURAL - {"time-skew"}  # no lab sees what relaxes faster than it samples

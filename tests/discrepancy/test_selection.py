@@ -9,8 +9,9 @@ import pytest
 from discrepancy.flown import AMBIENT_K, flown, off_by_its_curve, searching, told_its_form
 
 from bhm_service.battery.effects import EFFECTS
-from bhm_service.discrepancy.search import NATS
+from bhm_service.discrepancy.search import NATS, STRONG
 from bhm_service.discrepancy.selection import MUCH, select, share
+from bhm_service.discrepancy.sidecar import Notes
 
 FADE, CONTACT = frozenset({"capacity-fade"}), frozenset({"contact-resistance"})
 SKEW = frozenset({"time-skew"})
@@ -41,6 +42,25 @@ def test_what_is_common_comes_first_unless_the_flights_clearly_like_another_bett
     selected = select(found)
     assert selected.names == {chosen}
     assert selected.alternatives == ((load | FADE) - {chosen},)
+
+
+@pytest.mark.parametrize(("nats", "chosen"), [(STRONG + 1.0, {"self-discharge"}), (STRONG - 1.0, set())])
+def test_what_every_pack_does_in_storage_needs_strong_evidence_only_where_the_days_are_noted(nats, chosen):
+    days = (0.0, 4.0, 12.0, 24.0)
+    stored = [EFFECTS["self-discharge"](rate=5e-3 / 86400.0, storage=86400.0 * d) for d in days]
+    flights = tuple(
+        replace(flown([one], seed=5, number=k), notes=Notes(storage_days=d))
+        for k, (one, d) in enumerate(zip(stored, days, strict=True))
+    )
+    lost = frozenset({"self-discharge"})
+    found = searching(flights, lost)
+    found.base = replace(found.base, lab=told_its_form(found.base.lab))
+    for names in (frozenset(), lost):
+        found.fitted(names)
+    cost = found.fits[lost].cost + 2.0 * found.inflation * (found.evidence(lost) - nats)
+    found.fits[lost] = replace(found.fits[lost], cost=cost)
+    assert found.evidence(lost) == pytest.approx(nats)
+    assert select(found).names == chosen
 
 
 @pytest.mark.parametrize(("behind_by", "rivals"), [(4.0, 1), (7.0, 0)])
