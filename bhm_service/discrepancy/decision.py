@@ -94,7 +94,8 @@ def told_from_lab(found: Search, names: Names) -> bool:
 
 def _witnessed(found: Search, earned: Mapping[str, float]) -> bool:
     """Whether every member earns something with the other cell model, and what looks like structure all it has to."""
-    least = {name: found.needed(name) if name in STRUCTURAL else found.heard(name) for name in earned}
+    names = frozenset(earned)
+    least = {name: found.needed(name, names) if name in STRUCTURAL else found.heard(name) for name in earned}
     return all(nats >= least[name] for name, nats in earned.items())
 
 

@@ -55,8 +55,14 @@ Progress = Callable[[str], None]
 Names = frozenset[str]
 
 
-def needed(name: str, told: bool = False) -> float:
-    """What a member has to earn, whether or not the lab ``told`` what its model's form is off by. [nats]"""
+def needed(name: str, told: bool = False, alone: bool = False) -> float:
+    """What a member has to earn, whether or not the lab ``told`` what its model's form is off by. [nats]
+
+    Where it told that, only noise is left to look like structure ``alone``; beside another effect there is also what
+    the equation of that one leaves.
+    """
+    if told and alone and name in _TOLD - FREE:
+        return NATS
     if name in FREE:
         return share_asked(name, told) * _FREE_NATS
     return share_asked(name, told) * _STRUCTURAL_NATS if name in STRUCTURAL | COMPANIONS else NATS
@@ -131,9 +137,9 @@ class Search:
         others = [c for c in self.candidates if c.id not in names and c.shown_beside(names)]
         return {c.id: _linear_gain(at, self.joint(names | {c.id}), c) for c in others}
 
-    def needed(self, name: str) -> float:
+    def needed(self, name: str, names: Names = frozenset()) -> float:
         """What a member of a set has to earn on these flights. [nats]"""
-        return STRONG if name in self.laws else needed(name, self.base.lab.form_told)
+        return STRONG if name in self.laws else needed(name, self.base.lab.form_told, alone=names == {name})
 
     def heard(self, name: str) -> float:
         """What a member has to have at least by its own equation, and with another cell model. [nats]"""

@@ -209,7 +209,9 @@ def _claim(found: Search, names: Names) -> float:
     """
     if found.base.lab.form_told and names <= found.laws:
         return STRONG
-    return NATS if found.base.lab.form_told and not names & (STRUCTURAL | COMPANIONS) else _CLAIM_NATS
+    if found.base.lab.form_told and not names & COMPANIONS:
+        return min(max(found.needed(name, names) for name in names), _CLAIM_NATS)
+    return _CLAIM_NATS
 
 
 def share(found: Search, names: Names) -> float:
@@ -249,12 +251,12 @@ def _matters(found: Search, names: Names, behind: float = 0.0) -> bool:
         return False
     if volts.get("ocv-shape", np.inf) < _BEYOND * series * found.base.lab.bend_sd_v:
         return False
-    return all(earned >= found.needed(name) - behind for name, earned in found.earned(names).items())
+    return all(earned >= found.needed(name, names) - behind for name, earned in found.earned(names).items())
 
 
 def _price(found: Search, names: Names) -> float:
     """What a set has to earn. [nats]"""
-    return sum(found.needed(name) for name in names)
+    return sum(found.needed(name, names) for name in names)
 
 
 def _beyond_physics(found: Search, tried: Collection[Names], nats: float) -> bool:

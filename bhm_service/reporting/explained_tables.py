@@ -49,7 +49,7 @@ def effects(e: Explanation) -> list[EffectBlock]:
 
 def _effect(e: Explanation, found: EffectFound, words: str) -> EffectBlock:
     kind = EFFECTS[found.id]
-    asked_for = e.search.needed(found.id)
+    asked_for = e.search.needed(found.id, e.selection.names)
     # The commoner of two that the flights hardly tell apart comes first, by less than the likelier has.
     close = found.evidence_nats < asked_for and e.findings.alternatives
     grounds = [
@@ -143,7 +143,7 @@ def _standing(e: Explanation, names: Names, behind: float | None, *, equal: bool
     if behind is None:
         return "-"
     if not e.selection.names:
-        return f"not shown: {max(map(e.search.needed, names)):.0f} nats ahead are asked for"
+        return f"not shown: {max(e.search.needed(name, names) for name in names):.0f} nats ahead are asked for"
     if behind < NEAR:
         return "refused: a part of it is too small, earns too little, or is beyond what is physical"
     return "ruled out" if behind > _CERTAIN_NATS else f"unlikely, 1 to {np.exp(behind):.0f}"

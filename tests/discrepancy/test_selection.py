@@ -17,6 +17,13 @@ FADE, CONTACT = frozenset({"capacity-fade"}), frozenset({"contact-resistance"})
 SKEW = frozenset({"time-skew"})
 
 
+def earning(found, names, nats):
+    """Lets a set have so much evidence."""
+    cost = found.fits[names].cost + 2.0 * found.inflation * (found.evidence(names) - nats)
+    found.fits[names] = replace(found.fits[names], cost=cost)
+    assert found.evidence(names) == pytest.approx(nats)
+
+
 @pytest.fixture(scope="module")
 def both():
     """Flights of a pack that has lost capacity and whose connectors are worn, and these two effects to find."""
@@ -57,9 +64,26 @@ def test_what_every_pack_does_in_storage_needs_strong_evidence_only_where_the_da
     found.base = replace(found.base, lab=told_its_form(found.base.lab))
     for names in (frozenset(), lost):
         found.fitted(names)
-    cost = found.fits[lost].cost + 2.0 * found.inflation * (found.evidence(lost) - nats)
-    found.fits[lost] = replace(found.fits[lost], cost=cost)
-    assert found.evidence(lost) == pytest.approx(nats)
+    earning(found, lost, nats)
+    assert select(found).names == chosen
+
+
+@pytest.mark.parametrize(("told", "beside", "chosen"), [
+    (True, frozenset(), {"slow-diffusion"}), (False, frozenset(), set()), (True, FADE, FADE),
+])  # fmt: skip
+def test_structure_alone_has_to_beat_noise_only_where_the_lab_took_its_own_off(told, beside, chosen):
+    slow = frozenset({"slow-diffusion"})
+    effects = [EFFECTS["slow-diffusion"](resistance=1.6e-3, time_constant=300.0)]
+    effects += [EFFECTS["capacity-fade"](fade=0.12)] if beside else []
+    found = searching(tuple(flown(effects, seed=5, number=k) for k in range(4)), slow | beside)
+    if told:
+        found.base = replace(found.base, lab=told_its_form(found.base.lab))
+    for names in {frozenset(), beside, slow, slow | beside}:
+        found.fitted(names)
+    by_fade = found.evidence(beside)
+    earning(found, slow | beside, by_fade + NATS + 2.0)
+    if beside:
+        earning(found, slow, 0.0)
     assert select(found).names == chosen
 
 
@@ -73,9 +97,7 @@ def test_what_is_hardly_behind_is_a_rival_though_it_has_not_earned_a_name_by_its
     for names in (frozenset(), load, FADE):
         found.fitted(names)
     for names, nats in ((load, earned), (FADE, earned - behind_by)):
-        cost = found.fits[names].cost + 2.0 * found.inflation * (found.evidence(names) - nats)
-        found.fits[names] = replace(found.fits[names], cost=cost)
-        assert found.evidence(names) == pytest.approx(nats)
+        earning(found, names, nats)
     selected = select(found)
     assert selected.names == load
     assert selected.alternatives == (FADE,) * rivals
