@@ -62,6 +62,9 @@ def select(found: Search, refuted: Collection[Names] = (), absent: Names = froze
     What the flights like far less than a refuted set is only what that one leaves to be had, unless it is part of it.
     ``absent`` are effects of which it is known that they are not there: no set with one of them is the answer.
     """
+    best = next(names for names in found.ranked() if not names & absent)
+    for member in sorted(best):  # which may have no place in it; the beam has not met each of its parts
+        found.fitted(best - {member}, found.fitted(best))
     near = _near(found, refuted, absent)
     for _ in range(_RIVALRIES):
         held = near[:1]

@@ -34,6 +34,15 @@ def both():
     return found
 
 
+def test_what_is_left_of_the_best_set_without_a_member_that_has_no_place_is_met():
+    effects = [EFFECTS["capacity-fade"](fade=0.12), EFFECTS["contact-resistance"](resistance=0.02)]
+    starts = frozenset({"partial-charge"})
+    found = searching(tuple(flown(effects, seed=5, number=k) for k in range(4)), FADE | CONTACT | starts)
+    for names in (frozenset(), FADE, CONTACT, FADE | CONTACT | starts):
+        found.fitted(names)
+    assert select(found).names == FADE | CONTACT
+
+
 @pytest.mark.parametrize(("ahead_by", "chosen"), [(2.0, "capacity-fade"), (4.0, "unseen-load")])
 def test_what_is_common_comes_first_unless_the_flights_clearly_like_another_better(ahead_by, chosen):
     """Odds of twenty to one are clear; either way the recordings do not exclude the other."""
