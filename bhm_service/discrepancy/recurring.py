@@ -3,7 +3,9 @@
 No effect of the catalogue keeps time by itself. What a fit leaves of every flight is compared, frequency by frequency,
 with what it leaves at the frequencies beside, whatever the noise's colour; noise alone is there exponential, and the
 sum over flights a gamma variable. A line has to be in both halves of the flights, which a bump at one state of charge
-is not, and not in the current, which manoeuvres that come back are.
+is not, and not in the current, which manoeuvres that come back are. A load past the sensor is heard there as well: it
+lowers the voltage, and rotors that take their power all the same draw more; by far too little for what a model makes of
+that current to be off by as much.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import gammaincc
+from scipy.special import gammaincc, gammaln
 
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.units import Array
@@ -26,6 +28,7 @@ _CLIP = 4.0  # standard deviations beyond which a residual counts no more
 # taken from few frequencies lacks to an exponential variable, and flights that are alike, are far below.
 _TELLING = 30.0
 _HALF = float(np.log(1e3))  # [nats] at that one frequency, in each half, and in the current
+_OFF = 1.0 / 3.0  # of the drop that a current makes: no model is off by more of it
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,9 +58,26 @@ def recurring(fitted: Fitted) -> Recurring | None:
         if _nats(own, [t[p] for t, p in zip(times, parts, strict=True)], there, _LEAST_CYCLES / 2.0)[0] < _HALF:
             return None
     steps = [np.diff(f.current_a, prepend=f.current_a[0]) for f in flights]
-    if _nats(steps, times, there, _LEAST_CYCLES)[0] > _HALF:
+    if _nats(steps, times, there, _LEAST_CYCLES)[0] > _HALF and _models_own(fitted, left, times, float(there[0])):
         return None
     return Recurring(1.0 / float(there[0]), float(nats[best]))
+
+
+def _models_own(fitted: Fitted, left: Sequence[Array], times: Sequence[Array], frequency: float) -> bool:
+    """Whether what is left at a frequency may be what a model is off by of the drop that the current makes there."""
+    joint = fitted.joint
+    ohm = joint.lab.ohm * joint.lab.series / joint.lab.parallel
+    drops = [joint.whitened(ohm * f.current_a[None, :], k, fitted.noise)[0] for k, f in enumerate(joint.flights)]
+    return _swing(left, times, frequency) < _OFF * _swing(drops, times, frequency)
+
+
+def _swing(series: Sequence[Array], times: Sequence[Array], frequency: float) -> float:
+    """How far all series swing at a frequency, in a measure that is the same for all."""
+    total = 0.0
+    for values, time_s in zip(series, times, strict=True):
+        tapered = (values - values.mean()) * np.hanning(values.size + 2)[1:-1]
+        total += float(np.abs(np.exp(-2j * np.pi * frequency * time_s) @ tapered) ** 2)
+    return float(np.sqrt(total))
 
 
 def _nats(series: Sequence[Array], times: Sequence[Array], frequencies: Array, cycles: float) -> Array:
@@ -69,8 +89,12 @@ def _nats(series: Sequence[Array], times: Sequence[Array], frequencies: Array, c
         if known.any():
             ratios[known] += _over_beside(values, time_s, frequencies[known])
             count += known
-    with np.errstate(divide="ignore"):  # odds too small for a number
-        return np.asarray(np.where(count > 0, -np.log(gammaincc(np.maximum(count, 1.0), ratios)), 0.0))
+    shape, most = np.maximum(count, 1.0), np.maximum(ratios, 1.0)
+    odds = gammaincc(shape, ratios)
+    # Odds too small for a number lie so far out that the first term of their series is all there is of them.
+    far = most - (shape - 1.0) * np.log(most) + gammaln(shape)
+    nats = np.where(odds > 0.0, -np.log(np.maximum(odds, np.finfo(float).tiny)), far)
+    return np.asarray(np.where(count > 0, nats, 0.0))
 
 
 def _over_beside(values: Array, time_s: Array, frequencies: Array) -> Array:

@@ -28,11 +28,13 @@ def switched(data, volts, number):
 def left(series, flights):
     """What a fit leaves, its noise taken for the usual one."""
     rows = [USUAL.whitened(s) for s in series]
-    return recurring(SimpleNamespace(joint=SimpleNamespace(flights=flights), rows=rows))
+    joint = SimpleNamespace(flights=flights, lab=LAB, whitened=lambda shapes, flight, noise: noise.whitened(shapes))
+    return recurring(SimpleNamespace(joint=joint, rows=rows, noise=USUAL))
 
 
-def test_a_load_that_switches_by_itself_is_owned_up_to_with_its_period():
-    flights = [switched(f, 0.03, k) for k, f in enumerate(four())]
+@pytest.mark.parametrize("volts", [0.03, 1.0])
+def test_a_load_that_switches_by_itself_is_owned_up_to_with_its_period(volts):
+    flights = [switched(f, volts, k) for k, f in enumerate(four())]
     chosen, found = outweighed(searching(flights, ["capacity-fade"]), NOTHING, LAB, flights)
     assert chosen.names == frozenset()
     assert found.period_s == pytest.approx(PERIOD_S, rel=0.03)
@@ -61,3 +63,15 @@ def test_what_comes_back_with_the_manoeuvres_is_the_models_own():
     assert left(series, four()) is not None
     flown = [replace(f, current_a=f.current_a + 8.0 * w) for f, w in zip(four(), waves, strict=True)]
     assert left(series, flown) is None
+
+
+def test_a_load_that_pulls_the_voltage_down_may_be_heard_in_the_current():
+    """At constant power a lower voltage draws more: the same current as of a manoeuvre, and far more of a voltage."""
+    rng = np.random.default_rng(1)
+    waves = [np.sin(2.0 * np.pi * f.time_s / PERIOD_S + k) for k, f in enumerate(four())]
+    flown = [replace(f, current_a=f.current_a + 1.2 * w) for f, w in zip(four(), waves, strict=True)]
+    gusts = [noise(rng, w.size) for w in waves]
+    drop_v = 1.2 * LAB.ohm * LAB.series
+    assert left([0.15 * drop_v * w + g for w, g in zip(waves, gusts, strict=True)], four()) is not None
+    assert left([0.15 * drop_v * w + g for w, g in zip(waves, gusts, strict=True)], flown) is None
+    assert left([1.5 * drop_v * w + g for w, g in zip(waves, gusts, strict=True)], flown) is not None
