@@ -44,7 +44,7 @@ def bumped_curve(fitted: Fitted[Joint], lab: Lab) -> BentCurve | None:
     Where the lab told what its curve is off by, flights that bend it further have to do so over tenths of charge. What
     rises and falls within less is none of its errors. Evidence is over all places that it might have.
     """
-    if not (lab.identified and lab.form_told):
+    if not lab.form_told:
         return None
     soc = np.concatenate([modelled.soc for modelled in fitted.joint.all_predicted(fitted.x[None, :])])
     usual = VOLTAGE_SD * lab.series

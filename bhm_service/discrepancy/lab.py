@@ -95,6 +95,11 @@ class Lab:
         return float(np.asarray(self.cell.capacity_c)) * self.parallel
 
     @property
+    def pack_ohm(self) -> float:
+        """Ohmic and polarisation resistance of the pack, about. [Ohm]"""
+        return self.ohm * self.series / self.parallel
+
+    @property
     def ohmic(self) -> float:
         """Resistance of the pack to what changes within two seconds. [Ohm]"""
         return self.ohm * self.ohmic_share * self.series / self.parallel

@@ -60,13 +60,13 @@ def telling(fitted: Fitted, lines_only: bool = False) -> Pattern | None:
     def tells(pattern: Pattern) -> bool:
         if pattern.line:
             return lab.form_told and pattern.nats >= NATS
-        return not lines_only and pattern.nats >= _TELLING and pattern.varies_v > least_v
+        return pattern.nats >= _TELLING and pattern.varies_v > least_v
 
-    return next(filter(tells, patterns(fitted)), None)
+    return next(filter(tells, patterns(fitted, lines_only)), None)
 
 
-def patterns(fitted: Fitted) -> list[Pattern]:
-    """All patterns on top of a fit, the most telling first."""
+def patterns(fitted: Fitted, lines_only: bool = False) -> list[Pattern]:
+    """All patterns on top of a fit, or the lines among them, the most telling first."""
     flights = fitted.joint.flights
     soc = [modelled.soc for modelled in fitted.joint.all_predicted(fitted.x[None, :])]
     over = variables(flights, soc)
@@ -74,23 +74,23 @@ def patterns(fitted: Fitted) -> list[Pattern]:
     # How warm an autopilot is goes with how warm its pack is and how long it flies: no form but a line is looked at.
     board = [f.board_k for f in flights if f.board_k is not None]
     boards = {"board_C": np.concatenate(board) - ZERO_CELSIUS_K} if len(board) == len(flights) else {}
-    tried = [(name, _triangles(values), _KINDS) for name, values in over.items() if name not in _OPEN]
-    tried += [(n, _line(v, lengths), _FOREIGN[n]) for n, v in (over | boards).items() if n in _FOREIGN]
+    forms = [(n, _line(v, lengths), _FOREIGN[n]) for n, v in (over | boards).items() if n in _FOREIGN]
+    if not lines_only:
+        forms += [(n, _triangles(v), _KINDS) for n, v in over.items() if n not in _OPEN]
+    tried = [(name, form, kind) for name, form, kinds in forms if form is not None for kind in kinds]
     current = np.concatenate([f.current_a for f in flights])
     lab = fitted.joint.lab
-    ohm = lab.series * lab.ohm / lab.parallel
+    usual: dict[Kind, tuple[Array, float]] = {
+        "voltage": (np.ones(current.size), VOLTAGE_SD * lab.series),
+        "resistance": (-current, _RESISTANCE_SD * lab.pack_ohm),
+    }
     found = []
-    kinds: tuple[tuple[Kind, Array, float], ...] = (
-        ("voltage", np.ones(current.size), VOLTAGE_SD * lab.series),
-        ("resistance", -current, _RESISTANCE_SD * ohm),
-    )
-    for name, forms, allowed in tried:
-        for form in forms:
-            for kind, by, sd in (own for own in kinds if own[0] in allowed):
-                sizes, spread, nats = added(fitted, sd * by * form.shapes)
-                varies_v = float(np.std((sd * sizes @ form.shapes * by)[form.known]))
-                heights, sds = sd * form.at_knots @ sizes, sd * np.abs(form.at_knots) @ spread
-                found.append(Pattern(kind, name, form.knots, heights, sds, nats, varies_v, form.line))
+    for name, form, kind in tried:
+        by, sd = usual[kind]
+        sizes, spread, nats = added(fitted, sd * by * form.shapes)
+        varies_v = float(np.std((sd * sizes @ form.shapes * by)[form.known]))
+        heights, sds = sd * form.at_knots @ sizes, sd * np.abs(form.at_knots) @ spread
+        found.append(Pattern(kind, name, form.knots, heights, sds, nats, varies_v, form.line))
     return sorted(found, key=lambda p: -p.nats)
 
 
@@ -126,29 +126,29 @@ class _Form:
     line: bool = False
 
 
-def _triangles(values: Array) -> list[_Form]:
-    """Over a variable's own knots; zero where it is not known."""
+def _triangles(values: Array) -> _Form | None:
+    """Over a variable's own knots, zero where it is not known; None where it hardly varies."""
     known = np.isfinite(values)
     if known.sum() < 20 or np.ptp(values[known]) <= 1e-9:
-        return []
+        return None
     distinct = np.unique(values[known])
     knots = distinct if distinct.size <= 2 * _KNOTS else np.unique(
         np.quantile(values[known], np.linspace(0.0, 1.0, _KNOTS))
     )  # fmt: skip
     shapes = np.where(known, hats(knots, np.where(known, values, knots[0])), 0.0)
-    return [_Form(knots, shapes, np.eye(knots.size), known)] if knots.size > 1 else []
+    return _Form(knots, shapes, np.eye(knots.size), known) if knots.size > 1 else None
 
 
-def _line(values: Array, lengths: Sequence[int]) -> list[_Form]:
-    """From a variable's least to its most, over flights of so many samples that tell most of it."""
+def _line(values: Array, lengths: Sequence[int]) -> _Form | None:
+    """From a variable's least to its most, over flights of so many samples; None where one does not tell most of it."""
     flights = np.split(values, np.cumsum(lengths)[:-1])
     if any(np.mean(np.isfinite(own)) < _TOLD_SHARE for own in flights):
-        return []
+        return None
     # Steps to nothing and back, where a sample lacks it, would be all that a filter of noise sees.
     told = np.concatenate([bridged(own, np.isfinite(own)) for own in flights])
     ends = np.array([told.min(), told.max()])
     middle, width = float(told.mean()), float(told.std())
     if width <= 1e-9:
-        return []
+        return None
     shape, at_ends = (told - middle)[None, :] / width, ((ends - middle) / width)[:, None]
-    return [_Form(ends, shape, at_ends, np.isfinite(values), line=True)]
+    return _Form(ends, shape, at_ends, np.isfinite(values), line=True)

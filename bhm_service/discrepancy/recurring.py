@@ -66,18 +66,15 @@ def recurring(fitted: Fitted) -> Recurring | None:
 def _models_own(fitted: Fitted, left: Sequence[Array], times: Sequence[Array], frequency: float) -> bool:
     """Whether what is left at a frequency may be what a model is off by of the drop that the current makes there."""
     joint = fitted.joint
-    ohm = joint.lab.ohm * joint.lab.series / joint.lab.parallel
+    ohm = joint.lab.pack_ohm
     drops = [joint.whitened(ohm * f.current_a[None, :], k, fitted.noise)[0] for k, f in enumerate(joint.flights)]
     return _swing(left, times, frequency) < _OFF * _swing(drops, times, frequency)
 
 
 def _swing(series: Sequence[Array], times: Sequence[Array], frequency: float) -> float:
     """How far all series swing at a frequency, in a measure that is the same for all."""
-    total = 0.0
-    for values, time_s in zip(series, times, strict=True):
-        tapered = (values - values.mean()) * np.hanning(values.size + 2)[1:-1]
-        total += float(np.abs(np.exp(-2j * np.pi * frequency * time_s) @ tapered) ** 2)
-    return float(np.sqrt(total))
+    at = np.array([frequency])
+    return float(np.sqrt(sum(float(_power(_tapered(v), t, at)[0]) for v, t in zip(series, times, strict=True))))
 
 
 def _nats(series: Sequence[Array], times: Sequence[Array], frequencies: Array, cycles: float) -> Array:
@@ -101,18 +98,24 @@ def _over_beside(values: Array, time_s: Array, frequencies: Array) -> Array:
     """Power at frequencies over that of the frequencies beside; of mean one in noise of a smooth spectrum."""
     spread = max(1.4826 * float(np.median(np.abs(values - np.median(values)))), 1e-9)
     clipped = np.clip(values / spread, -_CLIP, _CLIP)
-    tapered = (clipped - clipped.mean()) * np.hanning(values.size + 2)[1:-1]
-
-    def power(at: Array) -> Array:
-        return np.asarray(np.abs(np.exp(-2j * np.pi * np.outer(at, time_s)) @ tapered) ** 2)
-
+    tapered = _tapered(clipped)
     width = 1.0 / float(time_s[-1] - time_s[0])
     grid = np.arange(1.5 * width, 1.5 / _PERIODS_S[0], width)
-    levels = power(grid)
+    levels = _power(tapered, time_s, grid)
     beside = np.empty(frequencies.size)
     for k, frequency in enumerate(frequencies.tolist()):
         away = np.abs(grid - frequency)
         order = np.argsort(away)
         near = order[away[order] > 2.0 * width][:_BESIDE]  # past the taper's own width
         beside[k] = np.median(levels[near]) / np.log(2.0)
-    return power(frequencies) / np.maximum(beside, 1e-12)
+    return _power(tapered, time_s, frequencies) / np.maximum(beside, 1e-12)
+
+
+def _tapered(values: Array) -> Array:
+    """A series about its mean, fading in and out."""
+    return np.asarray((values - values.mean()) * np.hanning(values.size + 2)[1:-1])
+
+
+def _power(tapered: Array, time_s: Array, frequencies: Array) -> Array:
+    """Of a tapered series at some frequencies."""
+    return np.asarray(np.abs(np.exp(-2j * np.pi * np.outer(frequencies, time_s)) @ tapered) ** 2)

@@ -62,13 +62,13 @@ def select(found: Search, refuted: Collection[Names] = (), absent: Names = froze
     What the flights like far less than a refuted set is only what that one leaves to be had, unless it is part of it.
     ``absent`` are effects of which it is known that they are not there: no set with one of them is the answer.
     """
-    best = next(names for names in found.ranked() if not names & absent)
+    best = _best(found, absent)
     for member in sorted(best):  # which may have no place in it; the beam has not met each of its parts
         found.fitted(best - {member}, found.fitted(best))
     near = _near(found, refuted, absent)
     for _ in range(_RIVALRIES):
         held = near[:1]
-        _swaps(found, held[0] if held else next(names for names in found.ranked() if not names & absent))
+        _swaps(found, held[0] if held else _best(found, absent))
         near = _near(found, refuted, absent)
         if near[:1] == held:
             break
@@ -76,6 +76,11 @@ def select(found: Search, refuted: Collection[Names] = (), absent: Names = froze
         return NOTHING
     chosen = near[0]
     return Selection(chosen, tuple(near[1:]), found.earned(chosen), added(found, chosen))
+
+
+def _best(found: Search, absent: Names) -> Names:
+    """What the flights like best, whatever else speaks against it."""
+    return next(names for names in found.ranked() if not names & absent)
 
 
 def taken(found: Search, names: Names) -> Selection:

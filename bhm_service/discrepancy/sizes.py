@@ -61,7 +61,7 @@ class Scene:
     @cached_property
     def ohm(self) -> float:
         """Resistance of the pack as the lab knows it. [Ohm]"""
-        return self.lab.ohm * self.lab.series / self.lab.parallel
+        return self.lab.pack_ohm
 
     @cached_property
     def hover_a(self) -> float:
