@@ -46,11 +46,13 @@ def _resistance_temperature(scene: Scene, contrast: float) -> None:
     ambient = _seasons(scene, contrast)
     scene.cells(arrhenius=1.0, entropy=max(scene.knobs.cells.entropy, 0.0))
     scene.heat(heats=True, start_c=ambient, ambient_c=ambient)
-    scene.tell("activation_energy", activation_kj_mol(scene.pack, float(ambient.min()), 30.0), "kJ/mol")
-    _tell_heat(scene)
+    _tell_heat(scene, float(ambient.min()), 30.0)
 
 
-def _tell_heat(scene: Scene) -> None:
+def _tell_heat(scene: Scene, low_c: float, high_c: float) -> None:
+    if scene.sheet.world == "porous":
+        return  # its cells have a temperature law and a heat balance of their own
+    scene.tell("activation_energy", activation_kj_mol(scene.pack, low_c, high_c), "kJ/mol")
     scene.tell("heat_capacity", scene.pack.heat_j_per_k, "J/K")
     scene.tell("cooling", scene.pack.cooling_w_per_k * scene.knobs.heat.cooling, "W/K")
 
@@ -59,8 +61,7 @@ def _self_heating(scene: Scene, insulation: float) -> None:
     scene.cells(arrhenius=1.0)
     same = np.full(scene.flights, 25.0)
     scene.heat(heats=True, start_c=same, ambient_c=same, cooling=1.0 / insulation)
-    scene.tell("activation_energy", activation_kj_mol(scene.pack, 25.0, 40.0), "kJ/mol")
-    _tell_heat(scene)
+    _tell_heat(scene, 25.0, 40.0)
 
 
 def _core_lag(scene: Scene, factor: float) -> None:
