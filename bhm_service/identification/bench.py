@@ -22,7 +22,8 @@ _STEADY_V = 0.05  # [V] no discharge moves a pack's voltage by less
 _MOST_A, _MOST_AH = 400.0, 200.0  # beyond these a current is hardly one of a multirotor's pack in ampere
 _CHARGES = 0.05  # of the largest current, or of all charge that moved: less is no discharge, or no charge
 _RECHARGED = 0.3  # of what went out: braking does not put back so much after the end
-_LEAST_FALL_SLOW_V, _LEAST_FALL_V = 0.5, 0.2  # [V] a cell
+_LEAST_FALL_V = 0.2  # [V] a cell: the flattest of them moves by as much between full and nearly empty
+_USUAL_FALL_V = 0.5  # [V] a cell, from full to empty
 _UNSEEN_PER_H = 0.4  # of all charge that was counted: how fast the part that was not recorded is taken to have gone
 _BRIDGED_S = 600.0  # a gap of a steady current up to this long is bridged
 
@@ -99,7 +100,7 @@ def _bench(table: Table, path: Path, kind: Kind, reading: Reading, label: str) -
     _discharges_at_all(experiment, path)
     if kind in (Kind.SLOW, Kind.ONE_C, Kind.RATE):
         experiment = _one_discharge(experiment, remarks)
-        _deep_enough(experiment, path)
+        _deep_enough(experiment, path, remarks)
     return Bench(experiment, tuple(remarks))
 
 
@@ -272,14 +273,19 @@ def _one_discharge(experiment: Experiment, remarks: list[str]) -> Experiment:
     return replace(part, time_s=part.time_s - part.time_s[0], full_at_start=part.full_at_start and first == 0)
 
 
-def _deep_enough(experiment: Experiment, path: Path) -> None:
+def _deep_enough(experiment: Experiment, path: Path, remarks: list[str]) -> None:
     fell = float(np.nanmax(experiment.voltage_v) - np.nanmin(experiment.voltage_v))
-    least = _LEAST_FALL_SLOW_V if experiment.kind is Kind.SLOW else _LEAST_FALL_V
-    if fell < least:
+    slow = experiment.kind is Kind.SLOW
+    if fell < _LEAST_FALL_V:
         raise _UselessError(
             str(path),
             f"is too short to discharge: the cell's voltage moves by {1000 * fell:.0f} mV only",
-            "a slow discharge runs from full to empty" if experiment.kind is Kind.SLOW else None,
+            "a slow discharge runs from full to empty" if slow else None,
+        )
+    # Between its ends a cell may be flat: the voltage does not tell whether they were reached.
+    if slow and fell < _USUAL_FALL_V:
+        remarks.append(
+            f"the cell's voltage moves by {1000 * fell:.0f} mV only: taken for a discharge from full to empty"
         )
 
 

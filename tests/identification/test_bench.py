@@ -53,6 +53,12 @@ def test_a_constant_current_too_short_to_discharge_is_refused(tmp_path: Path, ki
         read(path, kind)
 
 
+def test_a_slow_discharge_of_a_flat_cell_is_used_and_that_is_said(tmp_path: Path) -> None:
+    flat = np.interp(TIME, [0.0, TIME[-1]], [4.10, 3.69])
+    (bench,) = read(table(tmp_path, run(voltage=flat)), Kind.SLOW)
+    assert bench.remarks[-1] == "the cell's voltage moves by 410 mV only: taken for a discharge from full to empty"
+
+
 def test_of_a_charge_and_a_discharge_only_the_discharge_is_used_and_that_is_said(tmp_path: Path) -> None:
     time = np.arange(0.0, 3 * TIME[-1], 10.0)
     current = np.select([time < 3000.0, time < 3600.0, time < 3600.0 + TIME[-1]], [-AMPS, 0.0, AMPS], 0.0)
