@@ -37,7 +37,9 @@ DROP_S = (0.0, 2.0, 8.0, 30.0, 120.0, 480.0)  # at once, then each relaxation a 
 _HOVER_C = 2.0  # [1/h] load at which what a model is off by is weighed against its voltage error
 
 # What a model's form is off by, number by number, in the order in which `Lab.added` has them.
-FORM: Final = {"bends": BEND_SOC.size, **{f"drop_{tau:.0f}": DROP_SOC.size for tau in DROP_S}, "curve": 2}
+FORM: Final = {
+    "bends": BEND_SOC.size, **{f"drop_{tau:.0f}": DROP_SOC.size for tau in DROP_S}, "lag": len(DROP_S), "curve": 2
+}  # fmt: skip
 
 _LEAST_SD = {"resistance": 0.03, "polarisation": 0.15, "capacity": 0.01}  # of the logarithm: what a lab repeats to
 _APART = 0.3  # of a model's lasting error: what of it is another one in flight than in the lab
@@ -48,6 +50,13 @@ _BEND_SD = (0.003, 0.010)  # [V] a cell's open-circuit curve is known to, at bes
 _BEND_SOC = 0.15  # of charge, over which a curve is off by about the same
 _ROUGH = 0.1  # of what it is off by, at each charge by itself
 _DROP_SD = (_LEAST_SD["resistance"], 0.12)  # of the resistance, at each charge and relaxation, likewise
+# Of charge at the hover, for each relaxation: electrodes give charge from their particles' surface first, so a cell
+# under load is at its curve's voltage for less charge than it holds. Steps of a curve come earlier by as much, which no
+# resistance does. From particles of 1 um (nothing) to 5 um of slow diffusion (a tenth of the charge, after minutes).
+_LAG_SD = 0.02
+_NO_LAG_SD = 1e-4  # of charge: of a lab that told nothing of its form it is a part of what its drops may be off by
+_CURVE_V = 1.0  # [V] by which an open-circuit curve falls from full to empty, about: what makes a voltage of a charge
+_SECANT = 0.02  # of charge, over which the fall of a curve is taken: a lag is no derivative
 _FAST = {0.0: 3.0, 2.0: 3.0, 8.0: 2.0}  # times that: once a second hardly tells one fast relaxation from another
 _AT_ONCE_S = 2.0  # what is slower than this the lab tells from what comes at once
 _LEVEL_SD = 0.05  # of the resistance at each charge, within two seconds and a minute: the lab's own load pins it down
@@ -81,6 +90,7 @@ class Lab:
     voltage_error_v: float  # lasting error of the cell's voltage
     identified: bool  # this very pack, on a bench; not a cell like its own, nor from flights that left its scales open
     drop_sd: float  # of ``ohm``: how far the drop may be off at any charge and any time after a step
+    lag_sd: float  # of charge at the hover: how far it may lag at any time after a step
     widening: Mapping[float, float] = field(default_factory=dict)  # times that, by relaxation
     left_open: LeftOpen | None = None  # the errors of form that the lab's own recordings show
 
@@ -119,7 +129,8 @@ class Lab:
             return float(np.clip(np.sqrt(np.mean(pulls(name) ** 2)), 1.0, _MOST_WIDER))
 
         found = {tau: wider(f"lab_drop_{tau:.0f}") * self.widening.get(tau, 1.0) for tau in DROP_S}
-        return replace(self, bend_sd_v=wider("lab_bends") * self.bend_sd_v, widening=found)
+        bends, lag = wider("lab_bends") * self.bend_sd_v, wider("lab_lag") * self.lag_sd
+        return replace(self, bend_sd_v=bends, lag_sd=lag, widening=found)
 
     @property
     def drop_sds(self) -> dict[float, float]:
@@ -131,9 +142,8 @@ class Lab:
     def form(self) -> tuple[Array, Array]:
         """Mean and covariance of the errors of form, in the order of `FORM`."""
         drops = np.repeat(list(self.drop_sds.values()), DROP_SOC.size)
-        sds = np.concatenate(
-            [np.full(BEND_SOC.size, self.bend_sd_v), drops, np.full(FORM["curve"], 2.0 * self.drop_sd)]
-        )
+        lags, curve = np.full(FORM["lag"], self.lag_sd), np.full(FORM["curve"], 2.0 * self.drop_sd)
+        sds = np.concatenate([np.full(BEND_SOC.size, self.bend_sd_v), drops, lags, curve])
         if self.left_open is None:
             return np.zeros(sds.size), np.diag(sds**2)
         alike = np.eye(sds.size)
@@ -145,7 +155,7 @@ class Lab:
 
     def at_worst(self) -> Lab:
         """The same with as little known of its errors of form as labs leave open at worst."""
-        return replace(self, bend_sd_v=_BEND_SD[1], drop_sd=_DROP_SD[1], left_open=None)
+        return replace(self, bend_sd_v=_BEND_SD[1], drop_sd=_DROP_SD[1], lag_sd=_LAG_SD, left_open=None)
 
     @property
     def bend_sds_v(self) -> Array:
@@ -213,31 +223,43 @@ class Lab:
         """
         cell, late = current / self.parallel, followed / self.parallel
         drops = (-self.ohm * late[:-1, None] * hats(DROP_SOC, soc)).reshape(-1, *soc.shape)
+        lags = -self._fall_v(soc) * late[:-1] / self._hover_a
         bent = -self.ohm * self._bending(cell)
         charge = np.clip(soc, 0.0, 1.0)
         skewed = -self.ohm * self.ohmic_share * (cell - late[-1]) / _SKEW_S
         bends = hats(BEND_SOC, soc)
         ways = [bent * (1.0 - charge), bent * charge, skewed, *([np.ones_like(charge)] if self.form_told else [])]
-        return np.asarray(self.series * np.concatenate([bends, drops, np.stack(ways)]))
+        return np.asarray(self.series * np.concatenate([bends, drops, lags, np.stack(ways)]))
 
     def beside(self, sizes: Array, followed: Array, current: Array, soc: Array) -> Array:
         """What numbers of `additions` add together (.., T), as `added` has it for one of each. [V]"""
         cell, late = current / self.parallel, followed / self.parallel
-        ways = sum(FORM.values()) - FORM["curve"]
-        drops = sizes[BEND_SOC.size : ways].reshape(-1, DROP_SOC.size)
-        low, high, skew, *meter = sizes[ways:]
+        lag, curve = np.cumsum(list(FORM.values()))[-3:-1]
+        drops, lags = sizes[BEND_SOC.size : lag].reshape(-1, DROP_SOC.size), sizes[lag:curve]
+        low, high, skew, *meter = sizes[curve:]
         charge = np.clip(soc, 0.0, 1.0)
         amps = self._bending(cell) * (low + (high - low) * charge)
         amps += (skew * self.ohmic_share / _SKEW_S) * (cell - late[-1])
         for hat, shares in zip(hats(DROP_SOC, soc), drops.T, strict=True):
             amps += hat * np.tensordot(shares, late[:-1], axes=1)
         bend = np.interp(soc, BEND_SOC, sizes[: BEND_SOC.size])
-        return np.asarray(self.series * (bend + sum(meter) - self.ohm * amps))
+        behind = self._fall_v(soc) * np.tensordot(lags, late[:-1], axes=1) / self._hover_a
+        return np.asarray(self.series * (bend + sum(meter) - self.ohm * amps - behind))
 
     def _bending(self, cell: Array) -> Array:
         """How a drop bends with the current of a cell, without changing it at the hover. [A]"""
-        hover = _HOVER_C * self.capacity_c / self.parallel / SECONDS_PER_HOUR
-        return np.asarray(cell * (np.abs(cell) / hover - 1.0))
+        return np.asarray(cell * (np.abs(cell) / self._hover_a - 1.0))
+
+    @property
+    def _hover_a(self) -> float:
+        """Of a cell. [A]"""
+        return _HOVER_C * self.capacity_c / self.parallel / SECONDS_PER_HOUR
+
+    def _fall_v(self, soc: Array) -> Array:
+        """By how much the open-circuit curve falls with the charge that goes out next. [V]"""
+        held = np.clip(soc, _SECANT, 1.0)
+        fall = np.asarray(self.cell.open_circuit(held)) - np.asarray(self.cell.open_circuit(held - _SECANT))
+        return np.asarray(fall / _SECANT)
 
     def bent_v(self, sizes: Array, soc: Array) -> Array:
         """What the bends among numbers of `additions` (M, numbers) add to rested packs (M, F); (M, F). [V]"""
@@ -315,6 +337,7 @@ def lab_of(battery: BatteryFile, model: ModelName, series: int | None, capacity_
         capacity_sd=spread("capacity", said.capacity),
         bend_sd_v=float(np.clip(_APART * said.voltage_error_v, *_BEND_SD)) if identified else said.voltage_error_v,
         drop_sd=float(np.clip(by_error, *_DROP_SD)) if left_open is None else _APART * by_error,
+        lag_sd=_NO_LAG_SD if left_open is None else _APART * said.voltage_error_v / _CURVE_V / np.sqrt(len(DROP_S)),
         left_open=left_open,
     )
 

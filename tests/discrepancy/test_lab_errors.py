@@ -86,6 +86,35 @@ def test_the_resistance_at_a_charge_is_told_better_than_how_fast_it_comes():
     assert together < 0.5 * float(np.sqrt(sum(covariance[k, k] for k in drops)))
 
 
+def test_a_charge_that_lags_behind_the_load_is_foretold_where_the_curve_is_steeper():
+    """A cell at its curve's voltage for 1.5 % less charge than it holds, half a minute after the load asks for it."""
+
+    def lagging(seed, kind):
+        clean = played(seed, kind=kind)
+        e = clean.experiment
+        late = followed(e.time_s, e.current_a)[3]
+        curve, lag = LAB.cell.open_circuit, 0.015 * late / (2.0 * CAPACITY_C / 3600.0)
+        cost = np.asarray(curve(np.maximum(clean.soc - lag, 0.0)) - curve(clean.soc))
+        off = clean.misfit_v + cost
+        return replace(clean, experiment=replace(e, voltage_v=e.voltage_v + cost), misfit_v=off), cost
+
+    seen = [lagging(seed, kind)[0] for seed, kind in ((21, Kind.VARIABLE), (22, Kind.VARIABLE), (23, Kind.SLOW))]
+    found = lab_errors(LAB, seen)
+    assert sum(found.mean["lag"]) == pytest.approx(0.015, abs=3.0 * np.sqrt(lags_variance(found)))
+    unseen, cost = lagging(30, Kind.VARIABLE)
+    e = unseen.experiment
+    shapes = LAB.added(followed(e.time_s, e.current_a), e.current_a, unseen.soc)[:SIZE] / SERIES
+    above = unseen.soc > LOW_SOC
+    foretold = (vector(found) @ shapes)[above]
+    assert np.std(foretold - cost[above]) < 0.3 * np.std(cost[above])
+
+
+def lags_variance(found):
+    """Of the sum of all lags."""
+    first = BEND_SOC.size + 6 * DROP_SOC.size
+    return float(found.covariance[first : first + 6, first : first + 6].sum())
+
+
 def test_where_no_recording_reaches_nothing_is_known():
     shallow = [
         replace(r, experiment=replace(r.experiment, voltage_v=np.where(r.soc > 0.5, r.experiment.voltage_v, np.nan)))
