@@ -104,7 +104,9 @@ def harmful(unseen: Unseen, names: Names) -> bool:
     if not names or len(found.base.flights) < _FEWEST:
         return False
     whole = _error(found, unseen.by(names))
-    if whole > (_NO_WORSE if names <= BRIEF else _IMPROVED) * _error(found, unseen.as_it_is()):
+    brief = names <= BRIEF
+    worse = whole > (_NO_WORSE if brief else _IMPROVED) * _error(found, unseen.as_it_is())
+    if worse and not (brief and _no_worse_as_a_rule(unseen, names)):
         return True
     earned = found.earned(names)
     # Without a member that the flights ask for loudly, the lab's errors are bent far out to take its place.
@@ -112,12 +114,23 @@ def harmful(unseen: Unseen, names: Names) -> bool:
     return len(names) > 1 and any(_error(found, unseen.by(names - {m})) < (1.0 - _BETTER) * whole for m in faint)
 
 
+def _no_worse_as_a_rule(unseen: Unseen, names: Names) -> bool:
+    """Whether flights are predicted as well on the whole, be it that a few are not.
+
+    A flight in which what is brief happens is predicted by nothing, and outweighs all others.
+    """
+    ways = (_flights(unseen.found, modelled) for modelled in (unseen.by(names), unseen.as_it_is()))
+    ratios = [own.rmse(own.after_v) / bare.rmse(bare.after_v) for own, bare in zip(*ways, strict=True)]
+    return float(np.exp(np.mean(np.log(ratios)))) <= _NO_WORSE
+
+
 def _error(found: Search, modelled: list[Array]) -> float:
-    flights = [
-        LeftOutFlight(f.label, v, v, v, f.voltage_v, _unseen_from(f))
-        for f, v in zip(found.base.flights, modelled, strict=True)
-    ]
-    return HeldOut(tuple(flights)).after_v
+    return HeldOut(_flights(found, modelled)).after_v
+
+
+def _flights(found: Search, modelled: list[Array]) -> tuple[LeftOutFlight, ...]:
+    pairs = zip(found.base.flights, modelled, strict=True)
+    return tuple(LeftOutFlight(f.label, v, v, v, f.voltage_v, _unseen_from(f)) for f, v in pairs)
 
 
 def held_out(unseen: Unseen, names: Names) -> HeldOut | None:

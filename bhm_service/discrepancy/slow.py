@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.units import Array, Flags
 
 SLOW_S = 15.0
+_STRAYS = 2  # samples: one reading that is off, and its echo where the next one was lost
 
 
 def slow(misfit: Array, data: FlightData) -> Array:
     """A flight's misfit (T,) averaged over a quarter of a minute; nan is unknown."""
     return running_mean(misfit, np.isfinite(misfit), slow_samples(data))
+
+
+def without_strays(misfit: Array) -> Array:
+    """A misfit (T,) without single readings that are off: its running median; nan is unknown and stays so."""
+    width = 2 * _STRAYS + 1
+    around = sliding_window_view(np.pad(misfit, _STRAYS, mode="reflect"), width)
+    found = np.full(misfit.size, np.nan)
+    known = np.isfinite(misfit)
+    found[known] = np.nanmedian(around[known], axis=-1)
+    return found
 
 
 def slow_samples(data: FlightData) -> int:

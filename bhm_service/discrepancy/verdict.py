@@ -13,7 +13,7 @@ from bhm_service.discrepancy.findings import Verdict
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.search import LEAST_SNR, Search
 from bhm_service.discrepancy.selection import LEAST_V, Selection
-from bhm_service.discrepancy.slow import SLOW_S, slow, slow_samples
+from bhm_service.discrepancy.slow import SLOW_S, slow, slow_samples, without_strays
 from bhm_service.units import Array
 
 SENSORS = frozenset({"current-gain", "current-offset", "voltage-gain", "voltage-offset", "time-skew"})
@@ -42,8 +42,8 @@ def judge(
     leftover: Left | None,
 ) -> Judged:
     """The verdict on a selection and on what it leaves."""
-    before = [slow(c.flight.voltage_v - c.before_v, c.flight) for c in courses]
-    after = [slow(c.flight.voltage_v - c.after_v, c.flight) for c in courses]
+    before = [slow(without_strays(c.flight.voltage_v - c.before_v), c.flight) for c in courses]
+    after = [slow(without_strays(c.flight.voltage_v - c.after_v), c.flight) for c in courses]
     floor = found.noise.sigma_v**2 / SLOW_S
     rest = float(np.sqrt(_power(after, floor) / max(_power(before, floor), 1e-12)))
     samples = [c.flight.time_s.size for c in courses]

@@ -123,6 +123,23 @@ def test_a_size_that_the_others_pull_away_from_what_was_expected_is_told_by_them
     assert (off > 0.05) == told
 
 
+def test_flights_in_which_a_contact_fails_unforeseen_do_not_speak_against_it():
+    """It fails in one of four, and that one is foretold a little worse with it; the others better."""
+    name = frozenset({"intermittent-contact"})
+    found = searching(FLIGHTS, frozenset())
+    bare = Unseen(found).as_it_is()
+
+    def unseen(shares):
+        doctored = [m + s * (m - f.voltage_v) for s, m, f in zip(shares, bare, FLIGHTS, strict=True)]
+        return Unseen(found, {name: doctored, frozenset(): doctored})
+
+    count = len(FLIGHTS)
+    worst = max(range(count), key=lambda k: float(np.nanstd(FLIGHTS[k].voltage_v - bare[k])))
+    one = [0.04 if k == worst else -0.03 for k in range(count)]
+    assert not harmful(unseen(one), name)
+    assert harmful(unseen([0.02] * count), name)
+
+
 def test_two_flights_are_too_few_to_hold_one_out():
     assert held_out(Unseen(searching(FLIGHTS[:2], FADE)), FADE) is None
 
