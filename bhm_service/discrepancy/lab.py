@@ -54,7 +54,6 @@ _DROP_SD = (_LEAST_SD["resistance"], 0.12)  # of the resistance, at each charge 
 # under load is at its curve's voltage for less charge than it holds. Steps of a curve come earlier by as much, which no
 # resistance does. From particles of 1 um (nothing) to 5 um of slow diffusion (a tenth of the charge, after minutes).
 _LAG_SD = 0.02
-_NO_LAG_SD = 1e-4  # of charge: of a lab that told nothing of its form it is a part of what its drops may be off by
 _CURVE_V = 1.0  # [V] by which an open-circuit curve falls from full to empty, about: what makes a voltage of a charge
 _SECANT = 0.02  # of charge, over which the fall of a curve is taken: a lag is no derivative
 _FAST = {0.0: 3.0, 2.0: 3.0, 8.0: 2.0}  # times that: once a second hardly tells one fast relaxation from another
@@ -90,7 +89,7 @@ class Lab:
     voltage_error_v: float  # lasting error of the cell's voltage
     identified: bool  # this very pack, on a bench; not a cell like its own, nor from flights that left its scales open
     drop_sd: float  # of ``ohm``: how far the drop may be off at any charge and any time after a step
-    lag_sd: float  # of charge at the hover: how far it may lag at any time after a step
+    lag_sd: float  # of charge at the hover: how far it may lag at any time after a step; zero: a part of the drop
     widening: Mapping[float, float] = field(default_factory=dict)  # times that, by relaxation
     left_open: LeftOpen | None = None  # the errors of form that the lab's own recordings show
 
@@ -98,6 +97,12 @@ class Lab:
     def form_told(self) -> bool:
         """Whether the lab's own recordings showed what the model's form is off by, not only its kind's usual errors."""
         return self.left_open is not None
+
+    @property
+    def _form_sizes(self) -> dict[str, int]:
+        """As `FORM`; of a lab that told nothing of its form a lag is a part of what its drops may be off by."""
+        lags = self.form_told or self.lag_sd > 0.0
+        return {name: size for name, size in FORM.items() if lags or name != "lag"}
 
     @property
     def capacity_c(self) -> float:
@@ -129,7 +134,9 @@ class Lab:
             return float(np.clip(np.sqrt(np.mean(pulls(name) ** 2)), 1.0, _MOST_WIDER))
 
         found = {tau: wider(f"lab_drop_{tau:.0f}") * self.widening.get(tau, 1.0) for tau in DROP_S}
-        bends, lag = wider("lab_bends") * self.bend_sd_v, wider("lab_lag") * self.lag_sd
+        bends, lag = wider("lab_bends") * self.bend_sd_v, self.lag_sd
+        if "lag" in self._form_sizes:
+            lag *= wider("lab_lag")
         return replace(self, bend_sd_v=bends, lag_sd=lag, widening=found)
 
     @property
@@ -142,7 +149,7 @@ class Lab:
     def form(self) -> tuple[Array, Array]:
         """Mean and covariance of the errors of form, in the order of `FORM`."""
         drops = np.repeat(list(self.drop_sds.values()), DROP_SOC.size)
-        lags, curve = np.full(FORM["lag"], self.lag_sd), np.full(FORM["curve"], 2.0 * self.drop_sd)
+        lags, curve = np.full(self._form_sizes.get("lag", 0), self.lag_sd), np.full(FORM["curve"], 2.0 * self.drop_sd)
         sds = np.concatenate([np.full(BEND_SOC.size, self.bend_sd_v), drops, lags, curve])
         if self.left_open is None:
             return np.zeros(sds.size), np.diag(sds**2)
@@ -173,8 +180,8 @@ class Lab:
     def additions(self) -> list[Block]:
         """The unknowns that every hypothesis has and that only add to the voltage."""
         mean, covariance = self.form
-        sds, ends = np.sqrt(np.diag(covariance)), np.cumsum(list(FORM.values()))[:-1]
-        form = zip(FORM, np.split(mean, ends), np.split(sds, ends), strict=True)
+        sds, ends = np.sqrt(np.diag(covariance)), np.cumsum(list(self._form_sizes.values()))[:-1]
+        form = zip(self._form_sizes, np.split(mean, ends), np.split(sds, ends), strict=True)
         return [
             *(numbers(f"lab_{name}", own, sd, _REACH * sd) for name, own, sd in form),
             numbers("lab_skew", np.zeros(1), _SKEW_SD_S, _SKEW_MOST_S),
@@ -197,7 +204,8 @@ class Lab:
 
     def pulls(self, name: str, numbers: Array) -> Array:
         """Numbers of a block of `additions`, in standard deviations, as what is independent of each other in them."""
-        begin = dict(zip(FORM, np.cumsum([0, *FORM.values()])[:-1], strict=True)).get(name.removeprefix("lab_"))
+        begins = np.cumsum([0, *self._form_sizes.values()])[:-1]
+        begin = dict(zip(self._form_sizes, begins, strict=True)).get(name.removeprefix("lab_"))
         if begin is None:
             return numbers
         own = slice(begin, begin + numbers.size)
@@ -223,18 +231,18 @@ class Lab:
         """
         cell, late = current / self.parallel, followed / self.parallel
         drops = (-self.ohm * late[:-1, None] * hats(DROP_SOC, soc)).reshape(-1, *soc.shape)
-        lags = -self._fall_v(soc) * late[:-1] / self._hover_a
+        lags = [-self._fall_v(soc) * late[:-1] / self._hover_a] if "lag" in self._form_sizes else []
         bent = -self.ohm * self._bending(cell)
         charge = np.clip(soc, 0.0, 1.0)
         skewed = -self.ohm * self.ohmic_share * (cell - late[-1]) / _SKEW_S
         bends = hats(BEND_SOC, soc)
         ways = [bent * (1.0 - charge), bent * charge, skewed, *([np.ones_like(charge)] if self.form_told else [])]
-        return np.asarray(self.series * np.concatenate([bends, drops, lags, np.stack(ways)]))
+        return np.asarray(self.series * np.concatenate([bends, drops, *lags, np.stack(ways)]))
 
     def beside(self, sizes: Array, followed: Array, current: Array, soc: Array) -> Array:
         """What numbers of `additions` add together (.., T), as `added` has it for one of each. [V]"""
         cell, late = current / self.parallel, followed / self.parallel
-        lag, curve = np.cumsum(list(FORM.values()))[-3:-1]
+        lag, curve = BEND_SOC.size + len(DROP_S) * DROP_SOC.size, sum(self._form_sizes.values()) - FORM["curve"]
         drops, lags = sizes[BEND_SOC.size : lag].reshape(-1, DROP_SOC.size), sizes[lag:curve]
         low, high, skew, *meter = sizes[curve:]
         charge = np.clip(soc, 0.0, 1.0)
@@ -243,7 +251,7 @@ class Lab:
         for hat, shares in zip(hats(DROP_SOC, soc), drops.T, strict=True):
             amps += hat * np.tensordot(shares, late[:-1], axes=1)
         bend = np.interp(soc, BEND_SOC, sizes[: BEND_SOC.size])
-        behind = self._fall_v(soc) * np.tensordot(lags, late[:-1], axes=1) / self._hover_a
+        behind = self._fall_v(soc) * np.tensordot(lags, late[:-1], axes=1) / self._hover_a if lags.size else 0.0
         return np.asarray(self.series * (bend + sum(meter) - self.ohm * amps - behind))
 
     def _bending(self, cell: Array) -> Array:
@@ -337,7 +345,7 @@ def lab_of(battery: BatteryFile, model: ModelName, series: int | None, capacity_
         capacity_sd=spread("capacity", said.capacity),
         bend_sd_v=float(np.clip(_APART * said.voltage_error_v, *_BEND_SD)) if identified else said.voltage_error_v,
         drop_sd=float(np.clip(by_error, *_DROP_SD)) if left_open is None else _APART * by_error,
-        lag_sd=_NO_LAG_SD if left_open is None else _APART * said.voltage_error_v / _CURVE_V / np.sqrt(len(DROP_S)),
+        lag_sd=0.0 if left_open is None else _APART * said.voltage_error_v / _CURVE_V / np.sqrt(len(DROP_S)),
         left_open=left_open,
     )
 
