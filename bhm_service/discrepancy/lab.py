@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import accumulate
 from typing import Final
 
 import numpy as np
@@ -98,11 +99,13 @@ class Lab:
         """Whether the lab's own recordings showed what the model's form is off by, not only its kind's usual errors."""
         return self.left_open is not None
 
-    @property
-    def _form_sizes(self) -> dict[str, int]:
-        """As `FORM`; of a lab that told nothing of its form a lag is a part of what its drops may be off by."""
+    @cached_property
+    def _form_places(self) -> dict[str, slice]:
+        """Where each of `FORM` is; of a lab that told nothing of its form a lag is a part of its drops."""
         lags = self.form_told or self.lag_sd > 0.0
-        return {name: size for name, size in FORM.items() if lags or name != "lag"}
+        sizes = {name: size for name, size in FORM.items() if lags or name != "lag"}
+        ends = accumulate(sizes.values())
+        return {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
 
     @property
     def capacity_c(self) -> float:
@@ -135,7 +138,7 @@ class Lab:
 
         found = {tau: wider(f"lab_drop_{tau:.0f}") * self.widening.get(tau, 1.0) for tau in DROP_S}
         bends, lag = wider("lab_bends") * self.bend_sd_v, self.lag_sd
-        if "lag" in self._form_sizes:
+        if "lag" in self._form_places:
             lag *= wider("lab_lag")
         return replace(self, bend_sd_v=bends, lag_sd=lag, widening=found)
 
@@ -149,7 +152,8 @@ class Lab:
     def form(self) -> tuple[Array, Array]:
         """Mean and covariance of the errors of form, in the order of `FORM`."""
         drops = np.repeat(list(self.drop_sds.values()), DROP_SOC.size)
-        lags, curve = np.full(self._form_sizes.get("lag", 0), self.lag_sd), np.full(FORM["curve"], 2.0 * self.drop_sd)
+        lags = np.full(FORM["lag"] if "lag" in self._form_places else 0, self.lag_sd)
+        curve = np.full(FORM["curve"], 2.0 * self.drop_sd)
         sds = np.concatenate([np.full(BEND_SOC.size, self.bend_sd_v), drops, lags, curve])
         if self.left_open is None:
             return np.zeros(sds.size), np.diag(sds**2)
@@ -180,10 +184,9 @@ class Lab:
     def additions(self) -> list[Block]:
         """The unknowns that every hypothesis has and that only add to the voltage."""
         mean, covariance = self.form
-        sds, ends = np.sqrt(np.diag(covariance)), np.cumsum(list(self._form_sizes.values()))[:-1]
-        form = zip(self._form_sizes, np.split(mean, ends), np.split(sds, ends), strict=True)
+        sds, form = np.sqrt(np.diag(covariance)), self._form_places.items()
         return [
-            *(numbers(f"lab_{name}", own, sd, _REACH * sd) for name, own, sd in form),
+            *(numbers(f"lab_{name}", mean[own], sds[own], _REACH * sds[own]) for name, own in form),
             numbers("lab_skew", np.zeros(1), _SKEW_SD_S, _SKEW_MOST_S),
             # Of a lab that told nothing of its form it is a part of what its curve may be off by.
             *([_near("lab_meter", 1, _METER_SD_V)] if self.form_told else []),
@@ -204,11 +207,9 @@ class Lab:
 
     def pulls(self, name: str, numbers: Array) -> Array:
         """Numbers of a block of `additions`, in standard deviations, as what is independent of each other in them."""
-        begins = np.cumsum([0, *self._form_sizes.values()])[:-1]
-        begin = dict(zip(self._form_sizes, begins, strict=True)).get(name.removeprefix("lab_"))
-        if begin is None:
+        own = self._form_places.get(name.removeprefix("lab_"))
+        if own is None:
             return numbers
-        own = slice(begin, begin + numbers.size)
         return np.asarray(_independent(self.form[1][own, own]) @ numbers)
 
     def _ties(self, unknowns: Unknowns) -> Array:
@@ -231,7 +232,7 @@ class Lab:
         """
         cell, late = current / self.parallel, followed / self.parallel
         drops = (-self.ohm * late[:-1, None] * hats(DROP_SOC, soc)).reshape(-1, *soc.shape)
-        lags = [-self._fall_v(soc) * late[:-1] / self._hover_a] if "lag" in self._form_sizes else []
+        lags = [-self._fall_v(soc) * late[:-1] / self._hover_a] if "lag" in self._form_places else []
         bent = -self.ohm * self._bending(cell)
         charge = np.clip(soc, 0.0, 1.0)
         skewed = -self.ohm * self.ohmic_share * (cell - late[-1]) / _SKEW_S
@@ -242,7 +243,7 @@ class Lab:
     def beside(self, sizes: Array, followed: Array, current: Array, soc: Array) -> Array:
         """What numbers of `additions` add together (.., T), as `added` has it for one of each. [V]"""
         cell, late = current / self.parallel, followed / self.parallel
-        lag, curve = BEND_SOC.size + len(DROP_S) * DROP_SOC.size, sum(self._form_sizes.values()) - FORM["curve"]
+        lag, curve = self._form_places[f"drop_{DROP_S[-1]:.0f}"].stop, self._form_places["curve"].start
         drops, lags = sizes[BEND_SOC.size : lag].reshape(-1, DROP_SOC.size), sizes[lag:curve]
         low, high, skew, *meter = sizes[curve:]
         charge = np.clip(soc, 0.0, 1.0)
