@@ -339,6 +339,8 @@ def generate(sheet: CaseSheet, directory: Path) -> Answer:
         pack = porous.pack
     plain = _plain(sheet, pack)
     laid = _lay(sheet, pack, plain, range(len(sheet.effects)))
+    if porous is not None and porous.entropic and laid.knobs.heat.heats:
+        laid.scene.permitted.append("entropic-voltage")  # the lab, at 25 degC, could not know it
     lacking: list[int | None] = [None]
     if len(sheet.effects) > 1:
         lacking += list(range(len(sheet.effects)))

@@ -72,6 +72,13 @@ class PorousPack:
         self.parallel = like.capacity_ah / used
         self.pack = self._ladder_like(like, slow_v)
 
+    @property
+    def entropic(self) -> bool:
+        """Whether the open-circuit voltage of its cells moves with temperature."""
+        values = self._values()
+        terms = [values[f"{electrode} electrode OCP entropic change [V.K-1]"] for electrode in ("Negative", "Positive")]
+        return any(callable(term) or term != 0.0 for term in terms)
+
     def _values(self) -> Any:
         values = self._pybamm.ParameterValues(self.set)
         for electrode in ("Negative", "Positive"):

@@ -211,3 +211,15 @@ def test_the_second_world_flies_the_same_sheets(tmp_path):
     assert answer.world == "porous" and answer.snr > 3.0
     assert 24.0 < volts[0] < 25.5 and 18.0 < min(volts) < 22.5
     assert not (tmp_path / "vehicle.toml").exists()  # its power is no vehicle's
+
+
+@pytest.mark.parametrize(("pack", "cells", "entropic"), [(0, "Ai 2020", True), (4, "O'Kane 2022", False)])
+def test_where_the_second_worlds_cells_have_an_entropy_it_may_be_named_beside_their_temperature(
+    tmp_path, pack, cells, entropic
+):
+    """As these sets were published; the lab, at 25 degC, cannot know it."""
+    pytest.importorskip("pybamm", reason="the extra 'truth' is not installed")
+    effects = (EffectSheet("resistance-temperature", "large"),)
+    answer = generate(replace(FADE, effects=effects, world="porous", flights=1, pack=pack), tmp_path)
+    assert cells in answer.pack["chemistry"]
+    assert ("entropic-voltage" in answer.permitted) == entropic
