@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import pearsonr
 
-from bhm_service.battery.effects import EFFECTS
+from bhm_service.battery.effects import EFFECTS, ContactResistance
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.physical import physical
 from bhm_service.discrepancy.search import COMPANIONS, NATS, NEAR, STRONG, STRUCTURAL, Names, Search, share_asked
@@ -31,12 +31,12 @@ _OPPOSED = -0.8  # cosine
 _FOLLOWS = 0.01  # probability that sizes of single flights go with their temperatures as they do by chance
 _FEWEST = 4  # flights whose sizes tell that
 _FELT = 0.1  # of what an effect adds at most
-# What any pack meets on its way, then what is wrong with a sensor or a cell, then what stands beside another cause or
-# is an error of a model's structure.
+# What any pack meets on its way, then (`_order`) a bad contact, then what is wrong with a sensor or a cell, then what
+# stands beside another cause or is an error of a model's structure.
 _COMMONEST = frozenset(
     {
-        "resistance-temperature", "self-heating", "capacity-fade", "resistance-growth", "contact-resistance",
-        "partial-charge", "self-discharge",
+        "resistance-temperature", "self-heating", "capacity-fade", "resistance-growth", "partial-charge",
+        "self-discharge",
     }
 )  # fmt: skip
 
@@ -114,7 +114,8 @@ def _near(found: Search, refuted: Collection[Names], absent: Names) -> list[Name
     if _beyond_physics(found, _open(found, refuted, absent), most - _price(found, best) + NATS):
         return []
     of = {names: found.evidence(names) for names in near}
-    likely = {names: of[names] > max(of[n] for n in near if len(n) == len(names)) - STRONG for names in near}
+    odds = {names: of[names] - _price(found, names) for names in near}
+    likely = {names: odds[names] > max(odds[n] for n in near if len(n) == len(names)) - STRONG for names in near}
     return sorted(near, key=lambda names: (len(names), not likely[names], _order(names), -of[names]))
 
 
@@ -162,12 +163,17 @@ def _by_chance(fitted: Fitted) -> bool:
     Sizes that nothing ties to each other take up what an equation leaves that is driven by temperature, and what has no
     equation in the set: then they follow the temperature.
     """
-    means = [np.nan if f.temperature_k is None else float(np.mean(f.temperature_k)) for f in fitted.joint.flights]
+    joint = fitted.joint
+    inferred = any("temperature" in member.inferred for member in joint.members)
+    courses = [
+        joint.temperature(fitted.x[None, :], k) if inferred else f.temperature_k for k, f in enumerate(joint.flights)
+    ]
+    means = [np.nan if course is None else float(np.mean(course)) for course in courses]
     kelvin = np.array(means)[known := np.isfinite(means)]
     if kelvin.size < _FEWEST or _all_alike(kelvin):
         return True
-    values = fitted.joint.values(fitted.x[None, :])
-    own = [values[u.name][0][known] for c in fitted.joint.members for u in c.amplitudes() if u.per_flight]
+    values = joint.values(fitted.x[None, :])
+    own = [values[u.name][0][known] for c in joint.members for u in c.amplitudes() if u.per_flight]
     return all(_all_alike(sizes) or pearsonr(sizes, kelvin).pvalue > _FOLLOWS for sizes in own)
 
 
@@ -299,4 +305,9 @@ def _physical(fitted: Fitted) -> bool:
 
 def _order(names: Names) -> tuple[int, ...]:
     """How common a set's members are, the commonest first."""
-    return tuple(sorted((name not in _COMMONEST) + (name in STRUCTURAL | COMPANIONS) for name in names))
+
+    def rank(name: str) -> int:
+        usual = 0 if name in _COMMONEST else 1 if name == ContactResistance.id else 2
+        return usual + (name in STRUCTURAL | COMPANIONS)
+
+    return tuple(sorted(map(rank, names)))

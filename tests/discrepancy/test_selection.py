@@ -117,6 +117,26 @@ def test_two_effects_are_chosen_together_and_explain_nearly_all(both):
     assert share(both, FADE | CONTACT) > 0.9
 
 
+@pytest.mark.parametrize(("other", "ahead_by", "first"), [
+    ("resistance-growth", 2.0, "resistance-growth"), ("resistance-growth", 4.0, "contact-resistance"),
+    ("charge-transfer", -5.0, "contact-resistance"),
+])  # fmt: skip
+def test_of_equals_ageing_comes_before_a_bad_contact_and_that_before_structure(other, ahead_by, first):
+    """Every pack ages. Structure would have to be ahead by what it has to earn more, and then they are no equals."""
+    contact, rival = frozenset({"contact-resistance"}), frozenset({other})
+    effects = [EFFECTS["contact-resistance"](resistance=0.015)]
+    found = searching(tuple(flown(effects, seed=5, number=k) for k in range(4)), contact | rival)
+    for names in (frozenset(), contact, rival):
+        found.fitted(names)
+    lead = found.evidence(contact) - found.evidence(rival)
+    cost = found.fits[rival].cost + 2.0 * found.inflation * (ahead_by - lead)
+    found.fits[rival] = replace(found.fits[rival], cost=cost)
+    assert found.evidence(contact) - found.evidence(rival) == pytest.approx(ahead_by)
+    selected = select(found)
+    assert selected.names == {first}
+    assert selected.alternatives == ((contact | rival) - {first},)
+
+
 @pytest.mark.parametrize(("ahead_by", "chosen"), [(-3.0, "unseen-load"), (3.0, "current-offset")])
 def test_of_equals_that_are_as_common_the_likelier_comes_first(ahead_by, chosen):
     """A load past the sensor comes first in the catalogue, and does the same to every flight as an offset."""
