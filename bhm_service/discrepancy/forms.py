@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from bhm_service.battery.effects.resistance_temperature import ResistanceTemperature
 from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.discrepancy.abreast import Abreast
 from bhm_service.discrepancy.lab import hats
@@ -17,6 +18,9 @@ from bhm_service.units import Array
 _FLIGHT_SD, _SOC_SD, _LOAD_SD, _LAG_SD = 0.08, 0.12, 0.3, 0.2
 _NO_LAG_SD = 1e-4  # of a skew: to change how fast that follows the load is to take it back
 _SOC = np.array([0.15, 0.4, 0.65, 0.95])
+# Diffusion slows in the cold, so charge at the surface of particles lags more behind that within, and each step of the
+# open-circuit curve comes earlier: no resistance does that, and steps are a twentieth of the charge wide.
+_STEPS = np.linspace(0.05, 1.0, 20)
 _LAG_S = (1.0, 10.0, 60.0)
 _REACH = 5.0  # standard deviations
 MEAN_SD = 0.02  # of all flights, and of all charges: what is off alike everywhere is the member's own size
@@ -37,24 +41,32 @@ def names_of(member: str) -> list[str]:
     return [by_flight(member), by_charge(member), f"form_load.{member}", f"form_lag.{member}"]
 
 
-def blocks(member: str, flights: int) -> list[Block]:
+def knots(member: str, told: bool) -> Array:
+    """The charges at which a member may be off by its own share.
+
+    Closer where the lab ``told`` what its model's form is off by: at its own temperature the steps are right then.
+    """
+    return _STEPS if told and member == ResistanceTemperature.id else _SOC
+
+
+def blocks(member: str, flights: int, told: bool) -> list[Block]:
     """Those blocks."""
     lag_sd = _NO_LAG_SD if member == TimeSkew.id else _LAG_SD
-    sizes = ((flights, _FLIGHT_SD), (_SOC.size, _SOC_SD), (1, _LOAD_SD), (len(_LAG_S), lag_sd))
+    sizes = ((flights, _FLIGHT_SD), (knots(member, told).size, _SOC_SD), (1, _LOAD_SD), (len(_LAG_S), lag_sd))
     named = zip(names_of(member), sizes, strict=True)
     return [numbers(name, np.zeros(size), sd, _REACH * sd) for name, (size, sd) in named]
 
 
-def shapes(added: Array, group: Abreast, soc: Array) -> Array:
-    """By which shapes what members add to the voltage (M, F, T) may be off; (shapes, M, F, T), of a flight one."""
+def shapes(charges: Array, added: Array, group: Abreast, soc: Array) -> Array:
+    """By which shapes what a member of such `knots` adds to the voltage (F, T) may be off; (shapes, F, T)."""
     late = [group.lag(tau)(added) - added for tau in _LAG_S]
-    return np.stack([added, *(added * hat for hat in hats(_SOC, soc)), added * group.lightness, *late])
+    return np.stack([added, *(added * hat for hat in hats(charges, soc)), added * group.lightness, *late])
 
 
-def formed(sizes: Array, added: Array, group: Abreast, soc: Array) -> Array:
+def formed(charges: Array, sizes: Array, added: Array, group: Abreast, soc: Array) -> Array:
     """Those shapes together, each of its size in each flight (M, F, shapes), of what a member adds; (M, F, T)."""
-    level, charges, light, lags = np.split(sizes, np.cumsum([1, _SOC.size, 1]), axis=-1)
-    by = np.stack([np.interp(own, _SOC, row[0]) for own, row in zip(soc, charges, strict=True)])
+    level, at, light, lags = np.split(sizes, np.cumsum([1, charges.size, 1]), axis=-1)
+    by = np.stack([np.interp(own, charges, row[0]) for own, row in zip(soc, at, strict=True)])
     total = added * (level - lags.sum(axis=-1, keepdims=True) + by + light * group.lightness)
     for size, tau in zip(np.moveaxis(lags, -1, 0), _LAG_S, strict=True):
         total += size[..., None] * group.lag(tau)(added)

@@ -29,7 +29,7 @@ FULL_SD, GAUGE_SD, GENERIC_SD = 0.01, 0.02, 0.08
 _REPEATS_SD = 0.003
 _REST_SD_V = 0.002  # of a cell, beside what the open-circuit curve is known to
 _STEP = 1e-3  # of finite differences, in standard deviations of what was known before
-_CHARGE_STEP = 1e-6  # of finite differences over the charge
+_NEAR_STEP = 1e-6  # of finite differences over the charge, and over what the drop has grown to
 _STARTS = "start_soc"
 _PACKS = "pack_resistance"
 _PACKS_SD, _PACKS_REACH = 0.1, 0.5  # of the logarithm: packs that nobody identified, from flight to flight
@@ -53,6 +53,7 @@ class _Run:
     rested: Array | None  # (M, F), of all where any has it
     soc: Array  # (F, T)
     members: Array  # (members, F, T)
+    grown: Array | None  # times what the drop is in the lab, at once and later (2, F, T); None where it is that
 
     def of(self, row: int, data: FlightData) -> Predicted:
         """One of the flights."""
@@ -87,7 +88,7 @@ class Joint:
         )
         packs = [] if self.lab.identified else [numbers(_PACKS, np.zeros(len(self.flights)), _PACKS_SD, _PACKS_REACH)]
         members = [b for c in self.members for b in c.blocks(len(self.flights))]
-        forms = [b for c in self.members for b in form.blocks(c.id, len(self.flights))]
+        forms = [b for c in self.members for b in form.blocks(c.id, len(self.flights), self.lab.form_told)]
         return joined(self.lab.blocks(), [starts], packs, members, self.lab.additions(), forms)
 
     @cached_property
@@ -150,6 +151,11 @@ class Joint:
         """For each member, the numbers by which it may be off."""
         names = [form.names_of(c.id) for c in self.members]
         return [np.concatenate([np.arange(self.places[n].start, self.places[n].stop) for n in own]) for own in names]
+
+    @cached_property
+    def _form_knots(self) -> list[Array]:
+        """For each member, the charges at which it may be off by its own share."""
+        return [form.knots(c.id, self.lab.form_told) for c in self.members]
 
     @cached_property
     def _forms(self) -> list[Places]:
@@ -281,38 +287,72 @@ class Joint:
         run = self._simulated(everything, group, pack, leading)
         wide = np.broadcast_to(run.voltage, (everything.shape[0], *group.time_s.shape))
         soc = np.broadcast_to(run.soc, wide.shape)[:count]
-        voltage = wide[:count] + self._beside(points, group, soc)
+        grown = self._grown(pack, run, group, everything.shape[0], count)
+        voltage = wide[:count] + self._beside(points, group, soc, grown)
         members = [wide[: rows.size] - wide[count + rows] for rows in of]
         if formed:
-            for own, added in zip(self._forms, members, strict=True):
-                voltage += form.formed(points[:, own[group.places]], added, group, soc)
+            for charges, own, added in zip(self._form_knots, self._forms, members, strict=True):
+                voltage += form.formed(charges, points[:, own[group.places]], added, group, soc)
         rested = self._rested(pack, group, run)
         if rested is not None:
             rested = rested[:count] + self.lab.bent_v(points[:, self._lab_adding], soc[:, :, -1])
-        return _Run(voltage, rested, soc[0], np.array([added[0] for added in members]).reshape(-1, *soc.shape[1:]))
+        added = np.array([added[0] for added in members]).reshape(-1, *soc.shape[1:])
+        return _Run(voltage, rested, soc[0], added, None if grown is None else grown[:, 0])
 
     def _bare(self, points: Array) -> tuple[Array, Places]:
         """The different ones of the vectors without each member, and which of them it is; (members, M)."""
         bare, of = _different(self._without(points).reshape(-1, points.shape[1]))
         return bare, of.reshape(len(self.members), points.shape[0])
 
-    def _beside(self, points: Array, group: Abreast, soc: Array) -> Array:
-        """What the lab's errors that only add do add to the voltage (M, F, T), at charges near the first vector's."""
+    def _beside(self, points: Array, group: Abreast, soc: Array, grown: Array | None) -> Array:
+        """What the lab's errors that only add do add to the voltage (M, F, T), near the first vector's charges.
+
+        Likewise near what its members make of the drop.
+        """
         rows, of = _different(np.column_stack([self._skew_s(points), points[:, self._lab_adding]]))
         along = [group.followed_at(float(skew)) for skew in rows[:, 0]]
-        own = np.stack([self.lab.beside(row[1:], *late, soc[0]) for row, late in zip(rows, along, strict=True)])
+        first = None if grown is None else grown[:, 0]
+        own = np.stack([self.lab.beside(row[1:], *late, soc[0], first) for row, late in zip(rows, along, strict=True)])
+        total = own[of]
         if points.shape[0] == 1:
-            return own
-        ends = [self.lab.beside(rows[0, 1:], *along[0], soc[0] + step) for step in (-_CHARGE_STEP, _CHARGE_STEP)]
-        return np.asarray(own[of] + (ends[1] - ends[0]) / (2.0 * _CHARGE_STEP) * (soc - soc[0]))
+            return total
+        moved: list[tuple[Array, float, Value]] = [(soc - soc[0], _NEAR_STEP, 0.0)]
+        if grown is not None:
+            steps = _NEAR_STEP * np.eye(2)[:, :, None, None]
+            moved += [(times - times[0], 0.0, step) for times, step in zip(grown, steps, strict=True)]
+        for apart, charge, times in moved:
+            low, high = (
+                self.lab.beside(
+                    rows[0, 1:], *along[0], soc[0] + side * charge, first if first is None else first + side * times
+                )
+                for side in (-1.0, 1.0)
+            )
+            total += (high - low) / (2.0 * _NEAR_STEP) * apart
+        return total
+
+    def _grown(self, pack: PackModel, run: Simulation, group: Abreast, rows: int, count: int) -> Array | None:
+        """Times what the cells' drop is in the lab, of the first vectors: at once and later (2, M, F, T).
+
+        What the lab told that its model's form is off by is a share of the drop, so it grows with that: a cold cell's
+        is two to four times a warm one's. The lab's own scales are left out, as the shares are known no closer. Of what
+        no lab told nothing is known at the lab's temperature: it is what flights make it.
+        """
+        if not self.lab.form_told:
+            return None
+        effects = [e for e in pack.effects if not isinstance(e, LabError)]
+        flown = PackModel(pack.cell, pack.series, pack.parallel, effects)
+        by = flown.modifiers(run.states, group.temperature_k, group.current_a)
+        times = (by.resistance, 1.0 / np.sqrt(by.kinetics * by.diffusion))
+        if all(np.ndim(t) == 0 and t == 1.0 for t in times):
+            return None
+        return np.stack([np.broadcast_to(t, (rows, *group.time_s.shape))[:count] for t in times])
 
     def _added(self, run: _Run, group: Abreast, skew_s: float) -> Array:
         """What one of each number of `_additions` adds to the voltage; (numbers, F, T)."""
-        lab = self.lab.added(*group.followed_at(skew_s), run.soc)
-        if not self.members:
-            return lab
-        forms = np.swapaxes(form.shapes(run.members, group, run.soc), 0, 1)
-        return np.concatenate([lab, forms.reshape(-1, *run.soc.shape)])
+        lab = self.lab.added(*group.followed_at(skew_s), run.soc, run.grown)
+        knots = zip(self._form_knots, run.members, strict=True)
+        forms = [form.shapes(charges, own, group, run.soc) for charges, own in knots]
+        return np.concatenate([lab, *forms])
 
     def _rested(self, flown: PackModel, group: Abreast, run: Simulation) -> Array | None:
         """After landing, unplugged: nothing flows, and another meter reads it; (M, F), None where none did."""

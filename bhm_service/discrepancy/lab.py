@@ -35,6 +35,7 @@ from bhm_service.units import SECONDS_PER_HOUR, Array, Value
 BEND_SOC = np.linspace(0.0, 1.0, 26)
 DROP_SOC = np.array([0.1, 0.3, 0.55, 0.8, 1.0])
 DROP_S = (0.0, 2.0, 8.0, 30.0, 120.0, 480.0)  # at once, then each relaxation a factor of four apart
+_DROP_TIMES = 4.0  # about: that factor
 _HOVER_C = 2.0  # [1/h] load at which what a model is off by is weighed against its voltage error
 
 # What a model's form is off by, number by number, in the order in which `Lab.added` has them.
@@ -225,35 +226,52 @@ class Lab:
         sds = np.where((DROP_SOC > 0.2) & (DROP_SOC < 0.9), known, _LEVEL_ENDS * known)
         return np.asarray((rows / sds[:, None]).reshape(-1, unknowns.start.size))
 
-    def added(self, followed: Array, current: Array, soc: Array) -> Array:
+    def added(self, followed: Array, current: Array, soc: Array, grown: Array | None = None) -> Array:
         """What one of each of `additions` adds to the pack's voltage [V] along flights (.., T); (numbers, .., T).
 
-        ``followed`` is what `followed` makes of the current.
+        ``followed`` is what `followed` makes of the current; ``grown`` are times what the drop is in the lab: of what
+        follows within two seconds, and of what comes later (2, .., T).
         """
-        cell, late = current / self.parallel, followed / self.parallel
+        cell, late, once = self._loads(followed, current, grown)
         drops = (-self.ohm * late[:-1, None] * hats(DROP_SOC, soc)).reshape(-1, *soc.shape)
         lags = [-self._fall_v(soc) * late[:-1] / self._hover_a] if "lag" in self._form_places else []
-        bent = -self.ohm * self._bending(cell)
+        bent = -self.ohm * once * self._bending(cell)
         charge = np.clip(soc, 0.0, 1.0)
-        skewed = -self.ohm * self.ohmic_share * (cell - late[-1]) / _SKEW_S
+        skewed = -self.ohm * self.ohmic_share * (once * cell - late[-1]) / _SKEW_S
         bends = hats(BEND_SOC, soc)
         ways = [bent * (1.0 - charge), bent * charge, skewed, *([np.ones_like(charge)] if self.form_told else [])]
         return np.asarray(self.series * np.concatenate([bends, drops, *lags, np.stack(ways)]))
 
-    def beside(self, sizes: Array, followed: Array, current: Array, soc: Array) -> Array:
+    def beside(self, sizes: Array, followed: Array, current: Array, soc: Array, grown: Array | None = None) -> Array:
         """What numbers of `additions` add together (.., T), as `added` has it for one of each. [V]"""
-        cell, late = current / self.parallel, followed / self.parallel
+        cell, late, once = self._loads(followed, current, grown)
         lag, curve = self._form_places[f"drop_{DROP_S[-1]:.0f}"].stop, self._form_places["curve"].start
         drops, lags = sizes[BEND_SOC.size : lag].reshape(-1, DROP_SOC.size), sizes[lag:curve]
         low, high, skew, *meter = sizes[curve:]
         charge = np.clip(soc, 0.0, 1.0)
-        amps = self._bending(cell) * (low + (high - low) * charge)
-        amps += (skew * self.ohmic_share / _SKEW_S) * (cell - late[-1])
+        amps = once * self._bending(cell) * (low + (high - low) * charge)
+        amps += (skew * self.ohmic_share / _SKEW_S) * (once * cell - late[-1])
         for hat, shares in zip(hats(DROP_SOC, soc), drops.T, strict=True):
             amps += hat * np.tensordot(shares, late[:-1], axes=1)
         bend = np.interp(soc, BEND_SOC, sizes[: BEND_SOC.size])
         behind = self._fall_v(soc) * np.tensordot(lags, late[:-1], axes=1) / self._hover_a if lags.size else 0.0
         return np.asarray(self.series * (bend + sum(meter) - self.ohm * amps - behind))
+
+    def _loads(self, followed: Array, current: Array, grown: Array | None) -> tuple[Array, Array, Array]:
+        """Of a cell its current, what follows it [A], as much more as the drop has grown, and by what is at once.
+
+        What comes later relaxes against the same capacitance, so by as much later.
+        """
+        cell, late = current / self.parallel, followed / self.parallel
+        if grown is None:
+            return cell, late, np.ones(1)
+        once, later = grown
+        # What has hardly begun by the landing is, by as much later, begun by as much less.
+        fast, latest = sum(tau <= _AT_ONCE_S for tau in DROP_S), late[-2:-1] / _DROP_TIMES
+        sooner, own, after = late[fast - 1 : -2], late[fast:-1], np.concatenate([late[fast + 1 : -1], latest])
+        places = np.clip(np.log(later) / np.log(_DROP_TIMES), -1.0, 1.0)
+        slow = later * (own + 0.5 * places * (after - sooner + places * (after - 2.0 * own + sooner)))
+        return cell, np.concatenate([once * late[:fast], slow, once * late[-1:]]), once
 
     def _bending(self, cell: Array) -> Array:
         """How a drop bends with the current of a cell, without changing it at the hover. [A]"""

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from discrepancy.flown import AMBIENT_K, BATTERY, SERIES, base, catalogue, flown, with_members
+from discrepancy.flown import AMBIENT_K, BATTERY, SERIES, base, catalogue, flown, told_its_form, with_members
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.battery.pack import PackModel
@@ -53,6 +53,30 @@ def test_a_member_is_its_effect_of_the_catalogue_and_what_it_adds_is_the_differe
     assert np.abs(full - bare).max() > 0.02
 
 
+def test_a_drop_that_the_lab_told_is_the_cells_own_and_grows_with_it_in_the_cold():
+    """As of a cell that has it in its resistance, or in a pair behind it which diffusion slows down."""
+    cold = [replace(f, temperature_k=f.temperature_k - 15.0) for f in FLIGHTS]
+    joint = with_members(cold, {"resistance-temperature"})
+    joint = replace(joint, lab=told_its_form(joint.lab))
+    law = EFFECTS["resistance-temperature"](activation_energy=22e3)
+    cell, ohm, data = BATTERY.cell("circ"), 0.2 * joint.lab.ohm, cold[1]
+
+    def told(name):
+        x = joint.unknowns.start.copy()
+        x[joint.places["resistance-temperature.activation_energy"]] = 22.0
+        x[joint.places[name]] = 0.2
+        return joint.predicted(x[None, :], 1).voltage[0]
+
+    def flown_by(cell, *slow):
+        pack = PackModel(cell, SERIES, 1.0, [law, *slow])
+        return np.ravel(pack.simulate(data.time_s, data.current_a, 1.0, data.temperature_k).voltage)
+
+    np.testing.assert_allclose(told("lab_drop_0"), flown_by(replace(cell, r_s=cell.r_s + ohm)), atol=1e-9)
+    pair = EFFECTS["slow-diffusion"](resistance=ohm, time_constant=120.0)
+    off = told("lab_drop_120") - flown_by(cell, pair)
+    assert np.abs(off).max() < 0.1 * np.ptp(flown_by(cell, pair) - flown_by(cell))
+
+
 @pytest.mark.parametrize("skew_s", [-2.0, -0.5, 1.0])
 def test_a_skew_is_the_whole_voltage_of_another_instant_however_the_samples_were_averaged(skew_s):
     """With all that relaxes in it, not the ohmic drop alone."""
@@ -76,14 +100,16 @@ def test_a_skew_is_the_whole_voltage_of_another_instant_however_the_samples_were
 
 
 @pytest.mark.parametrize("model", ["circ", "chem"])
+@pytest.mark.parametrize("told", [False, True], ids=["", "told"])
 @pytest.mark.parametrize("members", MEMBERS, ids=IDS)
-def test_derivatives_are_those_of_the_residuals(model, members):
+def test_derivatives_are_those_of_the_residuals(model, told, members):
     """Against central differences with another step, number by number, with the lab's errors and the forms at work.
 
     Where derivatives leave out how these move with the charge and with what a member adds, a fit ends beside its best.
     """
     rng = np.random.default_rng(7)
     joint = with_members(FLIGHTS, members, model)
+    joint = replace(joint, lab=told_its_form(joint.lab)) if told else joint
     x = joint.unknowns.start.copy()
     inner = 0.5 * (joint.unknowns.low + joint.unknowns.high)
     x[joint.places["start_soc"]] = 0.97  # below full, where the curve is defined on both sides

@@ -74,7 +74,7 @@ def test_of_a_lab_that_told_no_form_no_lag_is_apart_from_its_drops(joint):
 
 
 def test_bends_are_millivolts_of_a_cell_at_their_charge(joint):
-    rows = joint.lab.added(np.zeros((len(DROP_S), 3)), np.zeros(3), np.array([0.2, 0.5, 0.81]))[: BEND_SOC.size]
+    rows = joint.lab.added(np.zeros((len(DROP_S) + 1, 3)), np.zeros(3), np.array([0.2, 0.5, 0.81]))[: BEND_SOC.size]
     np.testing.assert_allclose(rows.sum(axis=0), SERIES)
     assert rows[BEND_SOC.searchsorted(0.2), 0] == pytest.approx(SERIES)
 
