@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from discrepancy.flown import AMBIENT_K, flown, off_by_its_curve, searching, told_its_form
+from discrepancy.unrecorded import COOLS, ENERGY, days
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.search import NATS, STRONG
@@ -182,6 +183,24 @@ def test_sizes_of_single_flights_that_follow_their_temperature_are_what_another_
     for names in (frozenset(), name):
         found.fitted(names)
     assert (select(found).names == name) is named
+
+
+@pytest.mark.parametrize(("deficits", "both"), [
+    ((0.11, 0.05, 0.08, 0.02, 0.17, 0.14), False), ((0.14, 0.02, 0.11, 0.05, 0.17, 0.08), True),
+])  # fmt: skip
+def test_they_are_that_too_where_it_is_inferred_how_warm_the_flights_were(deficits, both):
+    """The larger the warmer the day, in the order of the days or not quite in it."""
+    law, name = frozenset({"resistance-temperature"}), frozenset({"partial-charge"})
+    flights = []
+    for number, (ambient, deficit) in enumerate(zip(days(6), deficits, strict=True)):
+        heat = EFFECTS["self-heating"](heat_capacity=400.0, conductance=COOLS, ambient=ambient, start_above=0.0)
+        physics = [EFFECTS["resistance-temperature"](activation_energy=1e3 * ENERGY), heat]
+        physics.append(EFFECTS["partial-charge"](deficit=deficit))
+        flights.append(flown(physics, seed=2, number=number, samples=200))
+    found = searching(tuple(flights), law | name)
+    for names in (frozenset(), law, name, law | name):
+        found.fitted(names)
+    assert (select(found).names == law | name) is both
 
 
 def test_evidence_that_the_equations_have_no_part_in_chooses_nothing():
