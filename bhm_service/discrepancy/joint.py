@@ -8,7 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from bhm_service.battery.effects.base import Effect
+from bhm_service.battery.cell import UNMODIFIED
+from bhm_service.battery.effects.base import Conditions, Effect
 from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.battery.pack import PackModel, Simulation
 from bhm_service.discrepancy import forms as form
@@ -333,15 +334,17 @@ class Joint:
     def _grown(self, pack: PackModel, run: Simulation, group: Abreast, rows: int, count: int) -> Array | None:
         """Times what the cells' drop is in the lab, of the first vectors: at once and later (2, M, F, T).
 
-        What the lab told that its model's form is off by is a share of the drop, so it grows with that: a cold cell's
-        is two to four times a warm one's. The lab's own scales are left out, as the shares are known no closer. Of what
-        no lab told nothing is known at the lab's temperature: it is what flights make it.
+        What the lab told that its model's form is off by is a share of the drop, so it grows with that in the cold,
+        which slows down all that a cell does: two to four times. What else makes resistance grow has a place of its
+        own. Of what no lab told nothing is known at the lab's temperature: it is what flights make it.
         """
         if not self.lab.form_told:
             return None
-        effects = [e for e in pack.effects if not isinstance(e, LabError)]
-        flown = PackModel(pack.cell, pack.series, pack.parallel, effects)
-        by = flown.modifiers(run.states, group.temperature_k, group.current_a)
+        at = Conditions(run.temperature, run.soc, group.current_a / self.lab.parallel, pack.cell)
+        by = UNMODIFIED
+        for effect in pack.effects:
+            if "temperature" in effect.drivers and not effect.state_names:
+                by = by.times(effect.modifiers((), at))
         times = (by.resistance, 1.0 / np.sqrt(by.kinetics * by.diffusion))
         if all(np.ndim(t) == 0 and t == 1.0 for t in times):
             return None
