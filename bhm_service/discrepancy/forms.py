@@ -41,18 +41,19 @@ def names_of(member: str) -> list[str]:
     return [by_flight(member), by_charge(member), f"form_load.{member}", f"form_lag.{member}"]
 
 
-def knots(member: str, told: bool) -> Array:
+def knots(member: str, closely: bool) -> Array:
     """The charges at which a member may be off by its own share.
 
-    Closer where the lab ``told`` what its model's form is off by: at its own temperature the steps are right then.
+    They may be close (``closely``) where the lab told what its model's form is off by, so that at its own temperature
+    the steps are right, and where temperature was recorded: else a law so free makes the temperature what suits it.
     """
-    return _STEPS if told and member == ResistanceTemperature.id else _SOC
+    return _STEPS if closely and member == ResistanceTemperature.id else _SOC
 
 
-def blocks(member: str, flights: int, told: bool) -> list[Block]:
+def blocks(member: str, flights: int, closely: bool) -> list[Block]:
     """Those blocks."""
     lag_sd = _NO_LAG_SD if member == TimeSkew.id else _LAG_SD
-    sizes = ((flights, _FLIGHT_SD), (knots(member, told).size, _SOC_SD), (1, _LOAD_SD), (len(_LAG_S), lag_sd))
+    sizes = ((flights, _FLIGHT_SD), (knots(member, closely).size, _SOC_SD), (1, _LOAD_SD), (len(_LAG_S), lag_sd))
     named = zip(names_of(member), sizes, strict=True)
     return [numbers(name, np.zeros(size), sd, _REACH * sd) for name, (size, sd) in named]
 
