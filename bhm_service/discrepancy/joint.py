@@ -8,8 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bhm_service.battery.cell import UNMODIFIED
-from bhm_service.battery.effects.base import Conditions, Effect
+from bhm_service.battery.effects.base import Effect
 from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.battery.pack import PackModel, Simulation
 from bhm_service.discrepancy import forms as form
@@ -344,11 +343,10 @@ class Joint:
         """
         if not self.lab.form_told:
             return None
-        at = Conditions(run.temperature, run.soc, group.current_a / self.lab.parallel, pack.cell)
-        by = UNMODIFIED
-        for effect in pack.effects:
-            if "temperature" in effect.drivers and not effect.state_names:
-                by = by.times(effect.modifiers((), at))
+        # None with states of its own (a core's lag) lays anything on the cells.
+        cold = [effect for effect in pack.effects if "temperature" in effect.drivers and not effect.state_names]
+        bare = PackModel(pack.cell, pack.series, pack.parallel, cold)
+        by = bare.modifiers(run.states, run.temperature, group.current_a)
         times = (by.resistance, 1.0 / np.sqrt(by.kinetics * by.diffusion))
         if all(np.ndim(t) == 0 and t == 1.0 for t in times):
             return None

@@ -19,7 +19,7 @@ from discrepancy.flown import (
     noise_model,
     searching,
     told_its_form,
-)  # fmt: skip
+)
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.explain import Request, explain
@@ -68,8 +68,9 @@ def sized(fitted, name):
 
 
 def with_steps_that_come_earlier(flight, joules):
-    """The flight with two steps of 50 mV in a cell's curve, which lag by three per cent of the charge times the drop's
-    growth in the cold; at 25 degC they are where the lab saw them.
+    """The flight with two steps of 50 mV in a cell's curve, at 25 degC where the lab saw them.
+
+    Otherwise they lag by three per cent of the charge times what the drop has grown by.
     """
     grown = np.exp(joules / 8.314462618 * (1.0 / flight.temperature_k - 1.0 / 298.15))
     soc = 1.0 - flight.charge_c / CAPACITY_C

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from discrepancy.flown import AMBIENT_K, flown, off_by_its_curve, searching, told_its_form
-from discrepancy.unrecorded import COOLS, ENERGY, days
+from discrepancy.unrecorded import days, warmed
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.search import NATS, STRONG
@@ -52,10 +52,7 @@ def test_what_is_common_comes_first_unless_the_flights_clearly_like_another_bett
     found = searching(flights, load | FADE)
     for names in (frozenset(), load, FADE):
         found.fitted(names)
-    lead = found.evidence(load) - found.evidence(FADE)
-    cost = found.fits[FADE].cost + 2.0 * found.inflation * (ahead_by - lead)
-    found.fits[FADE] = replace(found.fits[FADE], cost=cost)
-    assert found.evidence(load) - found.evidence(FADE) == pytest.approx(ahead_by)
+    earning(found, FADE, found.evidence(load) - ahead_by)
     selected = select(found)
     assert selected.names == {chosen}
     assert selected.alternatives == ((load | FADE) - {chosen},)
@@ -129,10 +126,7 @@ def test_of_equals_ageing_comes_before_a_bad_contact_and_that_before_structure(o
     found = searching(tuple(flown(effects, seed=5, number=k) for k in range(4)), contact | rival)
     for names in (frozenset(), contact, rival):
         found.fitted(names)
-    lead = found.evidence(contact) - found.evidence(rival)
-    cost = found.fits[rival].cost + 2.0 * found.inflation * (ahead_by - lead)
-    found.fits[rival] = replace(found.fits[rival], cost=cost)
-    assert found.evidence(contact) - found.evidence(rival) == pytest.approx(ahead_by)
+    earning(found, rival, found.evidence(contact) - ahead_by)
     selected = select(found)
     assert selected.names == {first}
     assert selected.alternatives == ((contact | rival) - {first},)
@@ -191,13 +185,8 @@ def test_sizes_of_single_flights_that_follow_their_temperature_are_what_another_
 def test_they_are_that_too_where_it_is_inferred_how_warm_the_flights_were(deficits, both):
     """The larger the warmer the day, in the order of the days or not quite in it."""
     law, name = frozenset({"resistance-temperature"}), frozenset({"partial-charge"})
-    flights = []
-    for number, (ambient, deficit) in enumerate(zip(days(6), deficits, strict=True)):
-        heat = EFFECTS["self-heating"](heat_capacity=400.0, conductance=COOLS, ambient=ambient, start_above=0.0)
-        physics = [EFFECTS["resistance-temperature"](activation_energy=1e3 * ENERGY), heat]
-        physics.append(EFFECTS["partial-charge"](deficit=deficit))
-        flights.append(flown(physics, seed=2, number=number, samples=200))
-    found = searching(tuple(flights), law | name)
+    flights = warmed(days(6), [EFFECTS["partial-charge"](deficit=deficit) for deficit in deficits])
+    found = searching(flights, law | name)
     for names in (frozenset(), law, name, law | name):
         found.fitted(names)
     assert (select(found).names == law | name) is both
