@@ -147,8 +147,12 @@ class Search:
 
     @property
     def laws(self) -> Names:
-        """The laws among the candidates, of which these flights tell what drives them."""
-        return frozenset(c.id for c in self.candidates if c.id in LAWS and not c.inferred)
+        """The laws among the candidates that show at their known size in flights that tell what drives them.
+
+        What would not show at the size that no cell is without, and does show, is not known beforehand.
+        """
+        laws = (c.id for c in self.candidates if c.id in LAWS and not c.inferred)
+        return frozenset(name for name in laws if self.snr.get(name, LEAST_SNR) >= LEAST_SNR)
 
     @property
     def structural(self) -> float:

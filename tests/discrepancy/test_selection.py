@@ -10,7 +10,7 @@ from discrepancy.flown import AMBIENT_K, flown, off_by_its_curve, searching, tol
 from discrepancy.unrecorded import days, warmed
 
 from bhm_service.battery.effects import EFFECTS
-from bhm_service.discrepancy.search import NATS, STRONG
+from bhm_service.discrepancy.search import NATS, STRONG, expected_snr
 from bhm_service.discrepancy.selection import MUCH, select, share
 from bhm_service.discrepancy.sidecar import Notes
 
@@ -58,9 +58,11 @@ def test_what_is_common_comes_first_unless_the_flights_clearly_like_another_bett
     assert selected.alternatives == ((load | FADE) - {chosen},)
 
 
-@pytest.mark.parametrize(("nats", "chosen"), [(STRONG + 1.0, {"self-discharge"}), (STRONG - 1.0, set())])
-def test_what_every_pack_does_in_storage_needs_strong_evidence_only_where_the_days_are_noted(nats, chosen):
-    days = (0.0, 4.0, 12.0, 24.0)
+@pytest.mark.parametrize(("days", "nats", "chosen"), [
+    ((0.0, 4.0, 12.0, 24.0), STRONG + 1.0, {"self-discharge"}), ((0.0, 4.0, 12.0, 24.0), STRONG - 1.0, set()),
+    ((1.0, 1.0, 2.0, 1.0), STRONG + 1.0, set()), ((1.0, 1.0, 2.0, 1.0), NATS + 1.0, {"self-discharge"}),
+])  # fmt: skip
+def test_what_storage_does_to_every_pack_needs_strong_evidence_only_where_noted_days_would_show_it(days, nats, chosen):
     stored = [EFFECTS["self-discharge"](rate=5e-3 / 86400.0, storage=86400.0 * d) for d in days]
     flights = tuple(
         replace(flown([one], seed=5, number=k), notes=Notes(storage_days=d))
@@ -69,8 +71,10 @@ def test_what_every_pack_does_in_storage_needs_strong_evidence_only_where_the_da
     lost = frozenset({"self-discharge"})
     found = searching(flights, lost)
     found.base = replace(found.base, lab=told_its_form(found.base.lab))
+    (storage,) = found.candidates
     for names in (frozenset(), lost):
         found.fitted(names)
+    found.snr = {storage.id: expected_snr(found.fits[frozenset()], found.joint(lost), storage)}
     earning(found, lost, nats)
     assert select(found).names == chosen
 
