@@ -9,13 +9,17 @@ from bhm_service.units import Value
 
 
 class Modifiers(NamedTuple):
-    """Scales that effects lay on a cell; both cell models honour the same, but for ``transfer``."""
+    """Scales that effects lay on a cell; both cell models honour the same, but for ``transfer``.
+
+    ``area`` is for the pack to honour: the current of a cell is what goes through its whole area.
+    """
 
     resistance: Value = 1.0  # times the ohmic resistance
     kinetics: Value = 1.0  # times the speed of charge transfer and of all that a model may have put with it
     diffusion: Value = 1.0  # times the speed of diffusion
     capacity: Value = 1.0  # times the charge between full and empty
     transfer: Value = 1.0  # times the speed of charge transfer alone, where it is told from the rest
+    area: Value = 1.0  # times the area of its electrodes: with less, cells are as if fewer of them stood side by side
 
     def times(self, other: Modifiers) -> Modifiers:
         """Both scales together."""
@@ -25,6 +29,7 @@ class Modifiers(NamedTuple):
             self.diffusion * other.diffusion,
             self.capacity * other.capacity,
             self.transfer * other.transfer,
+            self.area * other.area,
         )
 
 

@@ -172,6 +172,8 @@ class PackModel:
         begin, end = begin / self.parallel, end / self.parallel
         known = self._known(before, temperature)
         by = self._modifiers(before, known, 0.5 * (begin + end)) if self._modifying else UNMODIFIED
+        if by.area is not UNMODIFIED.area:
+            begin, end = begin / by.area, end / by.area
         cell = self.cell.advance(solver, start[:n], begin, end, by)
         if len(start) == n:
             return cell
@@ -190,7 +192,7 @@ class PackModel:
         cell = states[: self._n_cell]
         instant = cell_current * self.cell.series_resistance(by)
         drop = self.cell.polarisation(cell, by) + instant
-        losses = self.series * self.parallel * cell_current * drop
+        losses = self.series * self._abreast(by) * cell_current * drop
         if self._heating:
             now = self._instant(states, cell_current, known, by)
             for effect, where in self._heating:
@@ -198,8 +200,13 @@ class PackModel:
         return losses
 
     def _instant(self, states: States, cell_current: Value, known: Value, by: Modifiers) -> Instant:
-        pack_current = cell_current * self.parallel
-        return Instant(pack_current, cell_current, states[0], known, self.series, self.parallel, self.cell, by)
+        """``cell_current`` is what one of the cells carries that stand side by side (`_abreast`)."""
+        abreast = self._abreast(by)
+        return Instant(cell_current * abreast, cell_current, states[0], known, self.series, abreast, self.cell, by)
+
+    def _abreast(self, by: Modifiers) -> Value:
+        """Cells side by side; what has lost area counts as fewer, each of them whole."""
+        return self.parallel if by.area is UNMODIFIED.area else self.parallel * by.area
 
     # ---- voltage ------------------------------------------------------------------------------------------------
 
@@ -223,7 +230,7 @@ class PackModel:
         drawn = self.true_current(current)
         known = self._known(columns, temperature)
         by = self._modifiers(columns, known, drawn / self.parallel)
-        now = self._instant(columns, drawn / self.parallel, known, by)
+        now = self._instant(columns, drawn / self._abreast(by), known, by)
         below: Value = 0.0
         for effect, where in self._uneven:
             odd = effect.odd_cell(columns[where], now)
@@ -244,9 +251,10 @@ class PackModel:
         by = self._modifiers(states, known, current / self.parallel) if self._modifying else UNMODIFIED
         cell = states[: self._n_cell]
         emf = self.series * self.cell.emf(cell, by)
-        resistance = self.series * self.cell.series_resistance(by) / self.parallel
+        abreast = self._abreast(by)
+        resistance = self.series * self.cell.series_resistance(by) / abreast
         if self._adding or self._resisting:
-            now = self._instant(states, current / self.parallel, known, by)
+            now = self._instant(states, current / abreast, known, by)
             for effect, where in self._adding:
                 emf = emf + effect.extra_voltage(states[where], now)
             for effect, where in self._resisting:

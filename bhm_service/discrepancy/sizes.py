@@ -27,6 +27,8 @@ from bhm_service.units import (
     ampere_hours,
 )
 
+_TELLING = 0.005  # of a resistance: half a percent more is one percent in words
+
 
 @dataclass(frozen=True)
 class Scene:
@@ -168,10 +170,12 @@ def _entropic_voltage(s: Scene) -> str:
 
 
 def _capacity_fade(s: Scene) -> str:
-    left = 1.0 - float(np.max(s.aged("fade")))
+    lost = float(np.max(s.aged("fade")))
+    grown = 1.0 / (1.0 - lost * s.value("area")) - 1.0
+    tired = f", and has {100.0 * grown:.0f} % more resistance" if grown >= _TELLING else ""
     return (
-        f"the pack holds {100.0 * left:.0f} % of the charge that it held in the lab: "
-        f"{left * s.capacity_ah:.3g} Ah in place of {s.capacity_ah:.3g} Ah"
+        f"the pack holds {100.0 * (1.0 - lost):.0f} % of the charge that it held in the lab: "
+        f"{(1.0 - lost) * s.capacity_ah:.3g} Ah in place of {s.capacity_ah:.3g} Ah{tired}"
     )
 
 

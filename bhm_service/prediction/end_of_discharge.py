@@ -76,7 +76,8 @@ def end_of_discharge(
     _mark(ended_at, ending, states[:, 0] <= limits.threshold_soc, elapsed, _SOC)
 
     drawn = pack.true_current(current)
-    capacity_c = pack.capacity_c * pack.modifiers(tuple(states.T), temperature_k, drawn).capacity
+    by = pack.modifiers(tuple(states.T), temperature_k, drawn)
+    capacity_c = pack.capacity_c * by.capacity * by.area
     if pieces is None:
         longest_s = float(np.max((states[:, 0] - limits.threshold_soc) * capacity_c / drawn))
         pieces = int(min(max(longest_s / _PIECE_S, _FEWEST), _MOST))

@@ -28,7 +28,10 @@ def _current_gain(scene: Scene, share: float) -> None:
     scene.sensors(current_gain=scene.knobs.sensors.current_gain * gain)
     scene.tell("gain", gain, "read / true")
     if gain < 1.0:
-        scene.accept = ("current-gain", "capacity-fade+resistance-growth", "capacity-fade+contact-resistance")
+        # A pack that has lost electrode area reads the same: less charge, and in one fixed ratio more resistance.
+        scene.accept = (
+            "current-gain", "capacity-fade", "capacity-fade+resistance-growth", "capacity-fade+contact-resistance",
+        )  # fmt: skip
 
 
 def _voltage_gain(scene: Scene, share: float) -> None:

@@ -27,7 +27,8 @@ def candidate(name, flights):
 def test_age_is_counted_as_a_share_of_the_oldest_flight():
     fade = candidate("capacity-fade", aged(40.0, 200.0, 400.0))
     assert fade.fixed["capacity-fade.age"] == [0.1, 0.5, 1.0]
-    numbers = {"capacity-fade.fade": np.array([[0.2]]), "capacity-fade.settled": np.array([[0.0]])}
+    sizes = {"fade": 0.2, "area": 0.5, "settled": 0.0}
+    numbers = {f"capacity-fade.{name}": np.array([[own]]) for name, own in sizes.items()}
     (effect,) = fade.effects(numbers, 1)
     assert effect.fade * effect.age == np.array([[0.1]])
 
@@ -35,8 +36,8 @@ def test_age_is_counted_as_a_share_of_the_oldest_flight():
 def test_how_much_of_a_loss_is_older_than_the_flights_is_asked_only_where_their_age_is_known():
     told = candidate("capacity-fade", aged(40.0, 200.0, 400.0))
     untold = candidate("capacity-fade", four("capacity-fade"))
-    assert [u.declared.name for u in told.unknowns] == ["fade", "settled"]
-    assert [u.declared.name for u in untold.unknowns] == ["fade"]
+    assert [u.declared.name for u in told.unknowns] == ["fade", "area", "settled"]
+    assert [u.declared.name for u in untold.unknowns] == ["fade", "area"]
 
 
 def test_days_in_storage_reach_the_effect_in_seconds():

@@ -28,7 +28,7 @@ def earning(found, names, nats):
 @pytest.fixture(scope="module")
 def both():
     """Flights of a pack that has lost capacity and whose connectors are worn, and these two effects to find."""
-    effects = [EFFECTS["capacity-fade"](fade=0.12), EFFECTS["contact-resistance"](resistance=0.02)]
+    effects = [EFFECTS["capacity-fade"](fade=0.14), EFFECTS["contact-resistance"](resistance=0.02)]
     found = searching(tuple(flown(effects, seed=5, number=k) for k in range(4)), {*FADE, *CONTACT})
     for names in (frozenset(), FADE, CONTACT, FADE | CONTACT):
         found.fitted(names)

@@ -131,6 +131,8 @@ def test_a_capacity_is_told_in_ampere_hours():
     assert "91 % of the charge that it held in the lab: 4.55 Ah in place of 5 Ah" in said(
         "capacity-fade", {"fade": 0.09}
     )
+    with_area = said("capacity-fade", {"fade": 0.2, "area": 0.5})
+    assert "80 % of the charge" in with_area and "and has 11 % more resistance" in with_area
 
 
 def test_a_sensor_is_told_by_what_flows_when_it_reads_a_hover():

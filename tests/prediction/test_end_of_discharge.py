@@ -5,6 +5,7 @@ import pytest
 from battery.cells import CAPACITY_C, chem, circ
 
 from bhm_service.battery.effects import (
+    CapacityFade,
     CurrentGain,
     Hysteresis,
     RateCapacity,
@@ -176,3 +177,14 @@ def test_more_power_and_less_charge_never_last_longer(cell):
     states[:, 0] = np.linspace(0.25, 1.0, 30)
     by_charge = end_of_discharge(pack, states, np.full(30, 250.0), LIMITS)[0]
     assert np.all(np.diff(by_charge) > 0.0)
+
+
+@pytest.mark.parametrize("cell", CELLS, ids=NAMES)
+def test_a_pack_that_has_lost_electrode_area_ends_when_a_smaller_one_does(cell):
+    worn = PackModel(cell, 6, 1.0, [CapacityFade(fade=0.3, area=1.0), WeakCell(loss=0.1, resistance=0.2)])
+    small = PackModel(cell, 6, 0.7, [WeakCell(loss=0.1, resistance=0.2)])
+    states, power = spread(worn)
+    for own, other in zip(
+        end_of_discharge(worn, states, power, LIMITS), end_of_discharge(small, states, power, LIMITS), strict=True
+    ):
+        np.testing.assert_allclose(own, other, rtol=1e-9)

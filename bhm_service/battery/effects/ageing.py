@@ -31,12 +31,13 @@ def _settled() -> Value:
 class CapacityFade(Effect):
     """Q = Q_0 (1 - k a) with a the age: cycles, days or, where it is not known, one.
 
-    A share b of the loss may be older than all flights: k (b + (1 - b) a).
+    A share b of the loss may be older than all flights: k (b + (1 - b) a). A share w of it went with electrode area,
+    the rest with lithium alone (Birkl et al. 2017): less area carries the whole current, so resistances grow alike.
     """
 
     id: ClassVar[str] = "capacity-fade"
     title: ClassVar[str] = "The pack has lost capacity"
-    equation: ClassVar[str] = "Q = Q_0 (1 - k [b + (1 - b) a])"
+    equation: ClassVar[str] = "Q = Q_0 (1 - k [b + (1 - b) a]), R = R_0 / (1 - w k [b + (1 - b) a])"
     source: ClassVar[str] = "cycle life of LiPo packs: 10-20 % after 200-300 cycles"
     excited_by: ClassVar[str] = "deep flights, packs of different age"
     mimics: ClassVar[tuple[str, ...]] = (
@@ -48,11 +49,16 @@ class CapacityFade(Effect):
     fade: Value = parameter(
         "k", "1", 0.0, 0.8, "share of the capacity lost", absent=0.0, prior=(0.10, 0.06)
     )  # fmt: skip
+    area: Value = parameter(
+        "w", "1", 0.0, 1.0, "share of the loss that went with electrode area", default=0.0, prior=(0.0, 0.5)
+    )  # fmt: skip
     settled: Value = _settled()
     age: Value = _age()
 
     def modifiers(self, state: tuple[Value, ...], at: Conditions) -> Modifiers:
-        return Modifiers(capacity=1.0 - self.fade * (self.settled + (1.0 - self.settled) * self.age))
+        lost = self.fade * (self.settled + (1.0 - self.settled) * self.age)
+        area = 1.0 - self.area * lost
+        return Modifiers(capacity=(1.0 - lost) / area, area=area)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

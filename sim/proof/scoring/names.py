@@ -36,7 +36,7 @@ INDISTINGUISHABLE = (
     ("unseen-load", "current-offset", "the same equation; only a disarmed or unplugged reading separates them"),
     ("voltage-gain", "voltage-offset", "a pack's 21-25 V is too narrow a range (cosine 0.998)"),
     ("contact-resistance", "resistance-growth", "both add to the resistance alike when age does not vary"),
-    ("current-gain", "capacity-fade + resistance-growth", "the same in one fixed ratio"),
+    ("current-gain", "capacity-fade", "the same where the loss went with electrode area"),
     ("resistance-temperature", "a drift with time or charge", "without a temperature channel and contrast at take-off"),
     ("resistance-temperature", "resistance-growth", "when season and age run together"),
     ("partial-charge", "self-discharge", "when all flights were stored equally long"),

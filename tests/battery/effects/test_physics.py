@@ -305,3 +305,31 @@ def test_resistance_follows_its_shape_over_charge():
     soc = run(circ(), soc=0.6).soc
     shape = np.interp(soc, effect.knots, [0.8, 0.2, -0.1, 0.1])
     np.testing.assert_allclose(difference(circ(), effect, soc=0.6), -N * 0.004 * shape * GUSTY, rtol=1e-8, atol=1e-11)
+
+
+@BOTH
+def test_a_pack_that_has_lost_electrode_area_is_one_of_fewer_cells_side_by_side(cell):
+    """Its wires and what warms it stay as they are, and so does the effect of a worn cell in it."""
+    others = [
+        fx.ResistanceTemperature(activation_energy=25e3),
+        fx.SelfHeating(heat_capacity=300.0, conductance=0.3, ambient=272.0),
+        fx.ContactResistance(resistance=0.01),
+        fx.WeakCell(loss=0.1, resistance=0.2),
+        fx.SlowDiffusion(resistance=2e-3, time_constant=200.0),
+    ]
+    worn = run(cell, fx.CapacityFade(fade=0.2, area=1.0), *others)
+    small = PackModel(cell, N, 0.8, others).simulate(T, GUSTY, 0.95)
+    np.testing.assert_allclose(worn.voltage, small.voltage, atol=1e-6)
+    np.testing.assert_allclose(worn.soc, small.soc, atol=1e-9)
+    np.testing.assert_allclose(worn.temperature, small.temperature, atol=1e-6)
+
+
+@BOTH
+@pytest.mark.parametrize("area", [0.0, 0.4, 1.0])
+def test_a_share_of_a_lost_capacity_takes_area_with_it(cell, area):
+    """Charge falls as with any loss; with all of it area, the cell is as if a larger current went through it."""
+    worn = run(cell, fx.CapacityFade(fade=0.2, area=area))
+    np.testing.assert_allclose(worn.soc, run(cell, current=GUSTY / 0.8).soc, atol=1e-9)
+    lithium = (1.0 - 0.2) / (1.0 - 0.2 * area)
+    other = run(cell, fx.CapacityFade(fade=1.0 - lithium), current=GUSTY / (1.0 - 0.2 * area))
+    np.testing.assert_allclose(worn.voltage, other.voltage, atol=1e-9)
