@@ -97,8 +97,13 @@ class Search:
             starts = _starts(joint, start)
             hides = _hides(joint, start)
             if not hides:
-                starts = [min(starts, key=lambda x: cost_of(joint, x, self.noise))]
-            ends = [fit_over_valleys(joint, self.noise, begin, aim=best) for begin in starts]
+                starts.sort(key=lambda x: cost_of(joint, x, self.noise))
+            ends = []
+            for begin in starts:
+                ends.append(fit_over_valleys(joint, self.noise, begin, aim=best))
+                # Where the start was bent the other way an effect of one sign ends at none, though it is there.
+                if not hides and not _vanished(ends[-1]):
+                    break
             end = likelier(ends)
             # What numbers lean by is of the noise and of what is known before: another search's is only a start.
             again = start is not None and start.noise is not self.noise
@@ -215,6 +220,14 @@ def _hides(joint: Joint, start: Fitted | None) -> bool:
     """
     there = set() if start is None else {member.id for member in start.joint.members}
     return any(member.inferred and member.id not in there for member in joint.members)
+
+
+def _vanished(at: Fitted) -> bool:
+    """Whether a member of a fit has come to nothing."""
+    values = at.joint.values(at.x[None, :])
+    return any(
+        all(np.all(values[u.name] == u.declared.absent) for u in member.amplitudes()) for member in at.joint.members
+    )
 
 
 def _carried(joint: Joint, start: Fitted | None) -> Array:

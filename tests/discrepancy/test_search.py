@@ -123,6 +123,20 @@ def test_a_warmth_that_nobody_recorded_is_found_from_where_there_is_none_of_it()
     assert found.evidence(hidden) > 10.0
 
 
+def worn(*effects):
+    """Four flights of a pack of half as much resistance again, and a search of what wears packs over them."""
+    effects = [EFFECTS["resistance-growth"](growth=0.5), *effects]
+    return searching([flown(effects, seed=3, number=k) for k in range(4)], {"resistance-growth", "capacity-fade"})
+
+
+def test_what_a_fit_brought_to_nothing_is_begun_anew_where_it_is_expected():
+    """A sensor that reads high bent the start the way that more capacity would: from there no fade seems to be best."""
+    one, both = frozenset({"resistance-growth"}), frozenset({"resistance-growth", "capacity-fade"})
+    found, other = worn(EFFECTS["capacity-fade"](fade=0.2)), worn(EFFECTS["current-gain"](gain=1.05))
+    fitted = found.fitted(both, other.fitted(one, other.fitted(frozenset())))
+    assert sized(fitted, "capacity-fade.fade") > 0.1
+
+
 def test_what_shows_only_beside_another_is_not_tried_without_it():
     flights, tried = warm(EFFECTS["contact-resistance"](resistance=0.02))
     found = search(base(flights), [*tried, *catalogue(flights, only={"contact-resistance"})])
