@@ -172,7 +172,7 @@ class PackModel:
         begin, end = begin / self.parallel, end / self.parallel
         known = self._known(before, temperature)
         by = self._modifiers(before, known, 0.5 * (begin + end)) if self._modifying else UNMODIFIED
-        if by.area is not UNMODIFIED.area:
+        if by.area is not UNMODIFIED.area:  # hardly any pack: the others are spared the divisions
             begin, end = begin / by.area, end / by.area
         cell = self.cell.advance(solver, start[:n], begin, end, by)
         if len(start) == n:
