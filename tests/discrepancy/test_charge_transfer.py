@@ -22,10 +22,10 @@ def flights(speed):
 
 
 @pytest.mark.parametrize("speed", [0.3, 0.6])
-def test_where_the_lab_told_it_from_the_rest_its_speed_is_all_that_is_open(speed):
+def test_where_the_lab_told_it_from_the_rest_its_speed_and_the_other_electrode_are_all_that_is_open(speed):
     told = explain(Request(battery=KNOWN, flights=flights(speed), told=frozenset({CHARGE_TRANSFER})))
     (effect,) = told.findings.effects
-    assert list(effect.parameters) == ["speed"]
+    assert list(effect.parameters) == ["speed", "other"]
     found = effect.parameters["speed"]
     assert found.value == pytest.approx(speed, abs=3.0 * found.sd)
     assert found.sd < 0.2

@@ -24,12 +24,16 @@ class ChargeTransfer(Effect):
     the straight line that is replaced a share of the chord up to 2C is the kinetics as the lab had them. At that speed
     the effect bends the drop but does not change it there; since then they may have become slower or faster. That holds
     for Chem too: what its exchange currents are after an identification is as often polarisation that takes a minute.
+
+    A cell has two electrodes. The faster one's drop is straight as long as it is fast, so the lab has it for ohmic.
+    When both become slower it bends as well, and no such line is the sum of two.
     """
 
     id: ClassVar[str] = "charge-transfer"
     title: ClassVar[str] = "Charge transfer is not as in the lab's model"
     equation: ClassVar[str] = (
-        "V_ct = (2 R_g T / F) asinh(i / 2 s i_0), i_0 the double layer's or w of it in the lab's chord up to 2C"
+        "V_ct = (2 R_g T / F) [asinh(i / 2 s i_0) + asinh(i / 2 s i_u)], i_0 the double layer's or w of it in the "
+        "lab's chord up to 2C, i_u of a share u of the lab's ohmic drop there"
     )
     source: ClassVar[str] = "Butler-Volmer with alpha = 0.5, Daigle & Kulkarni 2013; i_0 0.12-1.2 C"
     excited_by: ClassVar[str] = "loads from rest to full throttle at one charge"
@@ -50,14 +54,23 @@ class ChargeTransfer(Effect):
         "s", "1", 0.05, 20.0, "speed of charge transfer over that of the lab", default=1.0, absent=1.0,
         prior=(1.0, 0.4),
     )  # fmt: skip
+    other: Value = parameter(
+        "u", "1", 0.0, 1.0, "share of the lab's ohmic drop at 2C that is charge transfer of the other electrode",
+        default=0.0, prior=(0.2, 0.2),
+    )  # fmt: skip
 
     def modifiers(self, state: tuple[Value, ...], at: Conditions) -> Modifiers:
         return Modifiers(transfer=self.speed)
 
     def extra_voltage(self, state: tuple[Value, ...], now: Instant) -> Value:
-        rate = now.cell_current * (SECONDS_PER_HOUR / now.cell.capacity_c)  # in C
+        one_c = now.cell.capacity_c / SECONDS_PER_HOUR  # [A]
+        rate = now.cell_current / one_c
+        thermal = (2.0 * GAS_CONSTANT / FARADAY) * now.temperature
         more = further_drop(rate, self.bend / now.by.kinetics, self.straight, self.speed)
-        added: Value = now.series * (2.0 * GAS_CONSTANT / FARADAY) * now.temperature * -more
+        at_chord = self.other * now.cell.ohmic_resistance(now.by) * one_c * _CHORD_C / thermal
+        half = np.sinh(at_chord) / _CHORD_C
+        more = more + np.arcsinh(half * rate / self.speed) - np.arcsinh(half * rate)
+        added: Value = -now.series * thermal * more
         return added
 
 

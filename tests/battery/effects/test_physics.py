@@ -231,6 +231,22 @@ def test_charge_transfer_bends_the_drop_around_the_hover():
 
 
 @pytest.mark.parametrize("speed", [0.2, 0.7, 1.5])
+def test_the_other_electrode_transfers_charge_at_another_speed_as_well(speed):
+    """A cell whose ohmic drop at 2C, 10 A, is for a share of 0.6 that of an electrode's Butler-Volmer equation."""
+    scale = 2 * GAS_CONSTANT * 298.15 / FARADAY
+    i_u = 10.0 / (2 * np.sinh(0.6 * 0.004 * 10.0 / scale))
+    layer = fx.DoubleLayer(exchange_current=3.0, time_constant=1e-2)
+    slower = fx.ChargeTransfer(speed=speed, other=0.6)
+    for amps in (1.0, 10.0, 25.0):
+        steady = np.full(T.size, amps)
+        in_lab = np.arcsinh(amps / (2 * 3.0)) + np.arcsinh(amps / (2 * i_u))
+        now = np.arcsinh(amps / (2 * speed * 3.0)) + np.arcsinh(amps / (2 * speed * i_u))
+        alone = run(circ(), layer, current=steady, soc=0.9).voltage
+        found = run(circ(), layer, slower, current=steady, soc=0.9).voltage - alone
+        np.testing.assert_allclose(found[50:], N * scale * (in_lab - now), rtol=1e-7)
+
+
+@pytest.mark.parametrize("speed", [0.2, 0.7, 1.5])
 def test_another_speed_of_charge_transfer_is_another_exchange_current_than_that_of_the_lab(speed):
     """Between the lab's kinetics and others the chord drops out."""
     lab, now = (fx.ChargeTransfer(bend=2.5, straight=0.6, speed=s) for s in (1.0, speed))
