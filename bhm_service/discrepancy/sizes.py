@@ -8,8 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
+from bhm_service.battery.cell import Modifiers
 from bhm_service.battery.effects import EFFECTS
-from bhm_service.battery.effects.charge_transfer import further_drop
+from bhm_service.battery.effects.charge_transfer import further_drop, ohmic_chord, other_bend
 from bhm_service.battery.effects.shapes import OcvShape, ResistanceShape
 from bhm_service.discrepancy.explanation import Course
 from bhm_service.discrepancy.flights import FlightData
@@ -212,10 +213,11 @@ def _slow_diffusion(s: Scene) -> str:
 
 def _charge_transfer(s: Scene) -> str:
     speed, bend, straight = s.value("speed"), s.value("bend"), s.value("straight")
+    other = other_bend(s.value("other"), ohmic_chord(s.lab.cell, Modifiers(), REFERENCE_TEMPERATURE_K))
     thermal = s.lab.series * 2.0 * GAS_CONSTANT * REFERENCE_TEMPERATURE_K / FARADAY
 
     def larger(rate: float) -> float:
-        return float(thermal * further_drop(rate, bend, straight, speed))
+        return float(thermal * (further_drop(rate, bend, straight, speed) + further_drop(rate, other, 0.0, speed)))
 
     one = s.capacity_ah
     if abs(speed - 1.0) > 0.005:

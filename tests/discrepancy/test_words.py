@@ -7,6 +7,7 @@ from battery.effects.plausible import sizes
 from discrepancy.made import NOISE, SERIES, course, flight, flown, lab, si
 
 from bhm_service.battery.effects import EFFECTS
+from bhm_service.battery.pack import PackModel
 from bhm_service.discrepancy.candidate import candidates
 from bhm_service.discrepancy.findings import EffectFound, Findings, Fit, Region
 from bhm_service.discrepancy.fitting import Fitted
@@ -60,6 +61,18 @@ def test_a_cold_packs_resistance_is_told_at_the_coldest_take_off():
         r"At 5 degC the pack has 1\.9 times the resistance that it has at 25 degC; this cost 0\.\d to 0\.\d V from "
         r"take-off to landing on flight 01\.", text,
     )  # fmt: skip
+
+
+def test_slower_charge_transfer_is_told_by_what_the_drop_of_both_electrodes_is_larger_by():
+    sizes_ = {"speed": 0.4, "bend": 2.5, "straight": 1.0, "other": 0.7}
+    text = said("charge-transfer", sizes_)
+    amps, told = (float(v) for v in re.search(r"at (\d+) A the drop is (\d+) mV larger", text).groups())
+    time_s, current_a = np.arange(3.0), np.full(3, amps)
+    plain, slower = (
+        PackModel(lab().cell, lab().series, lab().parallel, effects).simulate(time_s, current_a, 0.8).voltage
+        for effects in ((), (EFFECTS["charge-transfer"](**sizes_),))
+    )
+    assert 1e-3 * told == pytest.approx(float(np.ravel(plain - slower)[-1]), rel=0.03)
 
 
 def test_a_pack_that_starts_at_the_labs_temperature_is_told_of_where_it_has_warmed_up():

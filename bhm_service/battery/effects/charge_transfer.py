@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from bhm_service.battery.cell import Modifiers
+from bhm_service.battery.cell import CellModel, Modifiers
 from bhm_service.battery.effects.base import Conditions, Effect, Instant
 from bhm_service.battery.parameters import parameter
 from bhm_service.units import FARADAY, GAS_CONSTANT, SECONDS_PER_HOUR, Value
@@ -63,14 +63,11 @@ class ChargeTransfer(Effect):
         return Modifiers(transfer=self.speed)
 
     def extra_voltage(self, state: tuple[Value, ...], now: Instant) -> Value:
-        one_c = now.cell.capacity_c / SECONDS_PER_HOUR  # [A]
-        rate = now.cell_current / one_c
-        thermal = (2.0 * GAS_CONSTANT / FARADAY) * now.temperature
+        rate = now.cell_current * (SECONDS_PER_HOUR / now.cell.capacity_c)  # in C
         more = further_drop(rate, self.bend / now.by.kinetics, self.straight, self.speed)
-        at_chord = self.other * now.cell.ohmic_resistance(now.by) * one_c * _CHORD_C / thermal
-        half = np.sinh(at_chord) / _CHORD_C
-        more = more + np.arcsinh(half * rate / self.speed) - np.arcsinh(half * rate)
-        added: Value = -now.series * thermal * more
+        other = other_bend(self.other, ohmic_chord(now.cell, now.by, now.temperature))
+        more = more + further_drop(rate, other, 0.0, self.speed)
+        added: Value = now.series * (2.0 * GAS_CONSTANT / FARADAY) * now.temperature * -more
         return added
 
 
@@ -81,3 +78,16 @@ def further_drop(rate: Value, bend: Value, straight: Value, speed: Value) -> Val
     chord = rate * (np.arcsinh(half * _CHORD_C) / _CHORD_C)
     larger: Value = np.arcsinh(half * rate / speed) - lab - straight * (chord - lab)
     return larger
+
+
+def ohmic_chord(cell: CellModel, by: Modifiers, temperature: Value) -> Value:
+    """The ohmic drop of a cell at 2C, in 2 R_g T / F."""
+    drop_v = cell.ohmic_resistance(by) * cell.capacity_c * (_CHORD_C / SECONDS_PER_HOUR)
+    chord: Value = drop_v / ((2.0 * GAS_CONSTANT / FARADAY) * temperature)
+    return chord
+
+
+def other_bend(share: Value, chord: Value) -> Value:
+    """The other electrode's 1C / i_u, where its line meets a share of the `ohmic_chord` at 2C; see the effect."""
+    bend: Value = 2.0 * np.sinh(share * chord) / _CHORD_C
+    return bend
