@@ -21,6 +21,7 @@ _SOC = np.array([0.15, 0.4, 0.65, 0.95])
 # Diffusion slows in the cold, so charge at the surface of particles lags more behind that within, and each step of the
 # open-circuit curve comes earlier: no resistance does that, and steps are a twentieth of the charge wide.
 _STEPS = np.linspace(0.05, 1.0, 20)
+_INFERRED = 0.5  # of what a law may be off by at each of those, where nobody recorded the temperature
 _LAG_S = (1.0, 10.0, 60.0)
 _REACH = 5.0  # standard deviations
 MEAN_SD = 0.02  # of all flights, and of all charges: what is off alike everywhere is the member's own size
@@ -41,19 +42,21 @@ def names_of(member: str) -> list[str]:
     return [by_flight(member), by_charge(member), f"form_load.{member}", f"form_lag.{member}"]
 
 
-def knots(member: str, closely: bool) -> Array:
+def knots(member: str, told: bool) -> Array:
     """The charges at which a member may be off by its own share.
 
-    They may be close (``closely``) where the lab told what its model's form is off by, so that at its own temperature
-    the steps are right, and where temperature was recorded: else a law so free makes the temperature what suits it.
+    They are close where the lab ``told`` what its model's form is off by: at its own temperature the steps are right.
     """
-    return _STEPS if closely and member == ResistanceTemperature.id else _SOC
+    return _STEPS if told and member == ResistanceTemperature.id else _SOC
 
 
-def blocks(member: str, flights: int, closely: bool) -> list[Block]:
-    """Those blocks."""
+def blocks(member: str, flights: int, told: bool, inferred: bool) -> list[Block]:
+    """Those blocks; ``inferred`` where nobody recorded what drives the member."""
+    charges = knots(member, told).size
+    # So free at charges so close it would say of a temperature that nobody recorded what suits it.
+    soc_sd = _SOC_SD * (_INFERRED if inferred and charges > _SOC.size else 1.0)
     lag_sd = _NO_LAG_SD if member == TimeSkew.id else _LAG_SD
-    sizes = ((flights, _FLIGHT_SD), (knots(member, closely).size, _SOC_SD), (1, _LOAD_SD), (len(_LAG_S), lag_sd))
+    sizes = ((flights, _FLIGHT_SD), (charges, soc_sd), (1, _LOAD_SD), (len(_LAG_S), lag_sd))
     named = zip(names_of(member), sizes, strict=True)
     return [numbers(name, np.zeros(size), sd, _REACH * sd) for name, (size, sd) in named]
 

@@ -88,7 +88,8 @@ class Joint:
         )
         packs = [] if self.lab.identified else [numbers(_PACKS, np.zeros(len(self.flights)), _PACKS_SD, _PACKS_REACH)]
         members = [b for c in self.members for b in c.blocks(len(self.flights))]
-        forms = [b for c in self.members for b in form.blocks(c.id, len(self.flights), self._closely(c))]
+        told = self.lab.form_told
+        forms = [b for c in self.members for b in form.blocks(c.id, len(self.flights), told, bool(c.inferred))]
         return joined(self.lab.blocks(), [starts], packs, members, self.lab.additions(), forms)
 
     @cached_property
@@ -152,14 +153,10 @@ class Joint:
         names = [form.names_of(c.id) for c in self.members]
         return [np.concatenate([np.arange(self.places[n].start, self.places[n].stop) for n in own]) for own in names]
 
-    def _closely(self, member: Candidate) -> bool:
-        """Whether it may be off at charges that lie close to each other."""
-        return self.lab.form_told and not member.inferred
-
     @cached_property
     def _form_knots(self) -> list[Array]:
         """For each member, the charges at which it may be off by its own share."""
-        return [form.knots(c.id, self._closely(c)) for c in self.members]
+        return [form.knots(c.id, self.lab.form_told) for c in self.members]
 
     @cached_property
     def _forms(self) -> list[Places]:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from discrepancy.flown import flown, four, searching
+from discrepancy.flown import flown, four, searching, told_its_form, with_steps_that_come_earlier
 from discrepancy.unrecorded import days, warmed
 
 from bhm_service.battery.effects import EFFECTS
@@ -74,6 +74,20 @@ def test_nor_does_it_where_nobody_recorded_what_drives_the_effect():
     )
     assert np.abs(now[0].after_v - was[0].after_v).max() < 0.001 * 0.3
     assert np.abs(now[1].after_v - was[1].after_v).max() > 0.001
+
+
+def test_a_flight_of_which_nobody_recorded_how_cold_it_was_is_foretold_though_steps_of_the_curve_come_earlier():
+    """What its own first quarter shows of them has to be no temperature."""
+    law, joules = frozenset({"resistance-temperature"}), 30e3
+    cold = [
+        flown([EFFECTS["resistance-temperature"](activation_energy=joules)], seed=3, number=k, kelvin=kelvin)
+        for k, kelvin in enumerate((272.0, 282.0, 292.0, 302.0, 287.0))
+    ]
+    flights = tuple(replace(with_steps_that_come_earlier(f, joules), temperature_k=None) for f in cold)
+    found = searching(flights, law)
+    found.base = replace(found.base, lab=told_its_form(found.base.lab))
+    foretold = held_out(Unseen(found), law)
+    assert foretold.after_v < 0.4 * foretold.before_v
 
 
 def test_the_one_worn_pack_among_new_ones_shows_in_its_own_first_quarter():

@@ -6,11 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from battery.cells import CAPACITY_C
 from discrepancy.flown import (
     AMBIENT_K,
     BATTERY,
-    SERIES,
     SIZES,
     base,
     catalogue,
@@ -19,6 +17,7 @@ from discrepancy.flown import (
     noise_model,
     searching,
     told_its_form,
+    with_steps_that_come_earlier,
 )
 
 from bhm_service.battery.effects import EFFECTS
@@ -65,19 +64,6 @@ def warm(*effects):
 def sized(fitted, name):
     """A number of a fit, as the catalogue declares it."""
     return fitted.joint.values(fitted.x[None, :])[name][0, 0]
-
-
-def with_steps_that_come_earlier(flight, joules):
-    """The flight with two steps of 50 mV in a cell's curve, at 25 degC where the lab saw them.
-
-    Otherwise they lag by three per cent of the charge times what the drop has grown by.
-    """
-    grown = np.exp(joules / 8.314462618 * (1.0 / flight.temperature_k - 1.0 / 298.15))
-    soc = 1.0 - flight.charge_c / CAPACITY_C
-    lag = 0.03 * (grown - 1.0) * np.clip(flight.current_a / 12.5, 0.0, 1.0)
-    more = sum(0.05 / (1.0 + np.exp((at - soc + lag) / 0.01)) - 0.05 / (1.0 + np.exp((at - soc) / 0.01))
-               for at in (0.93, 0.75))  # fmt: skip
-    return replace(flight, voltage_v=flight.voltage_v + SERIES * more)
 
 
 def test_steps_of_a_curve_that_come_earlier_in_the_cold_are_no_more_than_the_law_of_temperature_may_be_off_by():
