@@ -68,7 +68,8 @@ def select(found: Search, refuted: Collection[Names] = (), absent: Names = froze
     near = _near(found, refuted, absent)
     for _ in range(_RIVALRIES):
         held = near[:1]
-        _swaps(found, held[0] if held else _best(found, absent))
+        if held or _within_reach(found, best):
+            _swaps(found, held[0] if held else _best(found, absent))
         near = _near(found, refuted, absent)
         if near[:1] == held:
             break
@@ -81,6 +82,15 @@ def select(found: Search, refuted: Collection[Names] = (), absent: Names = froze
 def _best(found: Search, absent: Names) -> Names:
     """What the flights like best, whatever else speaks against it."""
     return next(names for names in found.ranked() if not names & absent)
+
+
+def _within_reach(found: Search, names: Names) -> bool:
+    """Whether others in the place of its members could earn the least that so many have to.
+
+    Hardly any outdoes what the flights like best by more than tells two explanations apart. Where nothing is missing
+    that best is of what follows nearly anything, and its fits are the longest.
+    """
+    return found.evidence(names) + NEAR > NATS * len(names)
 
 
 def taken(found: Search, names: Names) -> Selection:

@@ -244,6 +244,18 @@ def test_a_law_of_known_size_has_to_be_seen_only_where_what_drives_it_was_record
     assert (select(found).names == warmth) is chosen
 
 
+@pytest.mark.parametrize(("nats", "tried"), [(3.0, False), (30.0, True)])
+def test_others_are_tried_in_the_place_of_members_only_where_they_could_earn_a_name(nats, tried):
+    """Two effects have to earn twenty nats: of flights that like nothing by more than three, no two do."""
+    mimic = frozenset({"resistance-growth"})  # of a contact
+    found = searching(tuple(flown(seed=5, number=k) for k in range(3)), FADE | CONTACT | mimic)
+    for names in (frozenset(), FADE, CONTACT, mimic, FADE | CONTACT):
+        found.fitted(names)
+    earning(found, FADE | CONTACT, nats)
+    select(found)
+    assert (FADE | mimic in found.fits) is tried
+
+
 def test_of_a_refuted_set_only_a_part_is_left_to_choose(both):
     best = both.evidence(FADE | CONTACT)
     assert max(both.evidence(FADE), both.evidence(CONTACT)) < best - NATS
