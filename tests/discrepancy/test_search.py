@@ -130,6 +130,16 @@ def test_what_shows_only_beside_another_is_not_tried_without_it():
     assert not any(CORE in names for names in found.fits)
 
 
+@pytest.mark.parametrize(("offset", "deficit", "most"), [(0.06, 0.0, 2), (0.25, 0.06, 3)])
+def test_a_third_effect_is_looked_for_only_beside_two_that_both_earn_a_place(offset, deficit, most):
+    """An offset of 60 mV has hardly any evidence beside a growth, one of 250 mV has much."""
+    both = [EFFECTS["resistance-growth"](growth=0.5), EFFECTS["voltage-offset"](offset=offset)]
+    short = EFFECTS["partial-charge"](deficit=deficit)
+    flights = tuple(flown([*both, short] if k == 2 else both, seed=5, number=k) for k in range(4))
+    tried = catalogue(flights, only={"resistance-growth", "voltage-offset", "partial-charge"})
+    assert max(map(len, search(base(flights), tried).fits)) == most
+
+
 def missing(name, **sizes):
     """A search over one effect on flights that carry it, and what the fit without it pays for what the lab knows."""
     flights = tuple(flown([EFFECTS[name](**sizes)], seed=3, number=k) for k in range(4))
