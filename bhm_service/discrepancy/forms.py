@@ -52,11 +52,10 @@ def knots(member: str, told: bool) -> Array:
 
 def blocks(member: str, flights: int, told: bool, inferred: bool) -> list[Block]:
     """Those blocks; ``inferred`` where nobody recorded what drives the member."""
-    charges = knots(member, told).size
     # So free at charges so close it would say of a temperature that nobody recorded what suits it.
-    soc_sd = _SOC_SD * (_INFERRED if inferred and charges > _SOC.size else 1.0)
+    soc_sd = _SOC_SD * (_INFERRED if told and inferred else 1.0)
     lag_sd = _NO_LAG_SD if member == TimeSkew.id else _LAG_SD
-    sizes = ((flights, _FLIGHT_SD), (charges, soc_sd), (1, _LOAD_SD), (len(_LAG_S), lag_sd))
+    sizes = ((flights, _FLIGHT_SD), (knots(member, told).size, soc_sd), (1, _LOAD_SD), (len(_LAG_S), lag_sd))
     named = zip(names_of(member), sizes, strict=True)
     return [numbers(name, np.zeros(size), sd, _REACH * sd) for name, (size, sd) in named]
 

@@ -447,9 +447,7 @@ def _grow(found: Search, depth: int, progress: Progress) -> None:
                 found.fitted(names | {name}, found.fitted(names))
         progress(f"sets of {size + 1}")
         beam = sorted(tried, key=lambda names: -found.evidence(names))[:_WIDTH]
-        if not beam or found.evidence(beam[0]) < NATS:
-            break
         # One more of them has to earn its place as well: what this one hardly did, no other does beside it.
         fewer = max(found.evidence(names) for names in found.fits if len(names) <= size)
-        if found.evidence(beam[0]) < fewer + (NATS - NEAR if size else 0.0):
+        if not beam or found.evidence(beam[0]) < max(NATS, fewer + NATS - NEAR):
             break

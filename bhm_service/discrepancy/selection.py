@@ -68,8 +68,10 @@ def select(found: Search, refuted: Collection[Names] = (), absent: Names = froze
     near = _near(found, refuted, absent)
     for _ in range(_RIVALRIES):
         held = near[:1]
-        if held or _within_reach(found, best):
-            _swaps(found, held[0] if held else _best(found, absent))
+        rivalled = near[0] if near else _best(found, absent)
+        if not near and not _within_reach(found, rivalled):
+            return NOTHING
+        _swaps(found, rivalled)
         near = _near(found, refuted, absent)
         if near[:1] == held:
             break
