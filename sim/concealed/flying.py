@@ -14,6 +14,7 @@ from sim.concealed.thermal import Heat
 
 SECOND = round(1.0 / DT)
 LOW_CELL_V = 3.30  # under load: the pilot lands, the pack is empty
+_LOW_S = 4  # a pilot waits that long: gusts are no empty pack
 RESERVE = 0.20  # of what the lab's slow discharge takes out
 REST_MINUTES = 20
 _LONGEST_S = 5400
@@ -76,11 +77,33 @@ def hidden_along(knobs: Knobs, steps: int) -> Array:
     return out
 
 
-def fly(pack: Pack, knobs: Knobs, twins: tuple[Knobs, ...], load: Load, empty_soc: float = 0.0) -> Flown:
+def turns(cells_v: Array, steps: int) -> Indices:
+    """Steps (F,) at which pilots see that a cell has been low for too long; ``steps`` where they never do.
+
+    ``cells_v`` are voltages (F, S, 6) once a second, of a flight of so many ``steps`` at most.
+    """
+    low = cells_v.min(axis=2) < LOW_CELL_V
+    for_long = low.copy()
+    for seconds in range(1, _LOW_S + 1):
+        for_long[:, seconds:] &= low[:, :-seconds]
+    for_long[:, :_LOW_S] = False
+    found: Indices = np.where(for_long.any(axis=1), SECOND * for_long.argmax(axis=1), steps)
+    return found
+
+
+def fly(
+    pack: Pack,
+    knobs: Knobs,
+    twins: tuple[Knobs, ...],
+    load: Load,
+    empty_soc: float = 0.0,
+    latest: Indices | None = None,
+) -> Flown:
     """Fly a case: lanes of the world with its effect, and twins in others, through the same steps.
 
     A twin carries the current that its own sensors would have to see to tell what is told. ``empty_soc`` is the mean
-    state of charge of the cells when the lab calls the pack empty, which it does by the weakest of them.
+    state of charge of the cells when the lab calls the pack empty, which it does by the weakest of them. From the step
+    ``latest`` (F,) on a pilot lands as soon as the plan lets him, whatever these cells say.
     """
     plan, sensors = load.plan, knobs.sensors
     worlds = [knobs, *twins]
@@ -125,7 +148,8 @@ def fly(pack: Pack, knobs: Knobs, twins: tuple[Knobs, ...], load: Load, empty_so
             cells_v[:, second], soc[:, second] = of_cells, cells.z[:flights].mean(axis=1)
             low_for = np.where(of_cells.min(axis=1) < LOW_CELL_V, low_for + 1.0, 0.0)
         heat.step(cells.step(everything), airborne, DT)
-        due = (position >= plan.land) | ((low_for > 4.0) & plan.may_land[lane, position])
+        wary = low_for > _LOW_S if latest is None else (low_for > _LOW_S) | (k >= latest)
+        due = (position >= plan.land) | (wary & plan.may_land[lane, position])
         down = due & (position < plan.descent)
         if down.any():
             for flight in map(int, np.flatnonzero(down)):

@@ -13,7 +13,7 @@ from sim.concealed import lab
 from sim.concealed.answer import Answer, Regime, TrueEffect, TrueFlight, snr_class
 from sim.concealed.battery_effects import BATTERY_EFFECTS
 from sim.concealed.catalogue import EffectKind, Scene
-from sim.concealed.flying import REST_MINUTES, SECOND, Flown, fly
+from sim.concealed.flying import REST_MINUTES, SECOND, Flown, fly, turns
 from sim.concealed.knobs import Knobs, neutral
 from sim.concealed.load import DT, Load, Plan, demand, fly_plans
 from sim.concealed.other_effects import DEMAND_EFFECTS, OUTSIDE_EFFECTS, SENSOR_EFFECTS
@@ -40,6 +40,22 @@ class Laid:
     scene: Scene
     parameters: tuple[dict[str, dict[str, float | str]], ...]
     accepts: tuple[tuple[str, ...], ...]
+
+
+def _flown(
+    pack: Pack, porous: PorousPack | None, knobs: Knobs, twins: tuple[Knobs, ...], load: Load, empty_soc: float
+) -> Flown:
+    """The flights of a world; in the second one the first one's pilots land by the voltages that the second one has."""
+    flown = fly(pack, knobs, twins, load, empty_soc)
+    if porous is None:
+        return flown
+    seen = porous.flown(flown, knobs, twins)
+    steps = load.power_w.shape[1]
+    latest = turns(seen.cells_v, steps)
+    # Once is enough: each flies the same up to there, and then it lands.
+    if (latest < steps).any():
+        seen = porous.flown(fly(pack, knobs, twins, load, empty_soc, latest), knobs, twins)
+    return seen
 
 
 def _plain(sheet: CaseSheet, pack: Pack) -> Knobs:
@@ -350,9 +366,7 @@ def generate(sheet: CaseSheet, directory: Path) -> Answer:
     bench = (
         lab.recordings(pack, sheet.generator("lab")) if porous is None else porous.recordings(sheet.generator("lab"))
     )
-    flown = fly(pack, laid.knobs, tuple(twins), loads[0], lab.empty_soc(pack, bench["slow"]))
-    if porous is not None:
-        flown = porous.flown(flown, laid.knobs, tuple(twins))
+    flown = _flown(pack, porous, laid.knobs, tuple(twins), loads[0], lab.empty_soc(pack, bench["slow"]))
     quality = draw_quality(sheet.generator("quality"), sheet.noise)
     effects, snr, passing = _effects(sheet, pack, laid, twins, flown, loads, quality)
     rng = sheet.generator("sensors")

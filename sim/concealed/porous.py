@@ -183,13 +183,15 @@ class PorousPack:
         """The same flights with this world's voltages and temperatures."""
         voltage, core = np.full_like(flown.voltage_v, np.nan), np.full_like(flown.core_c, np.nan)
         twins_v, rested = np.full_like(flown.twins_v, np.nan), np.empty(len(flown.ends))
+        cells_v = np.full_like(flown.cells_v, np.nan)
         steps = voltage.shape[1]
         contacts = [contact_along(world, flown.load.plan.begins, steps) for world in (knobs, *twins)]
         for f, end in enumerate(flown.ends.tolist()):
             seconds = np.arange(0, end, SECOND)
             current = flown.current_a[f, :end]
             told = (flown.told_a[f, :end] - knobs.sensors.current_offset_a[f]) / knobs.sensors.current_gain[f]
-            volts, kelvin, rested[f] = self._fly(knobs, f, current[seconds])
+            cells, kelvin, rested[f] = self._fly(knobs, f, current[seconds])
+            cells_v[f, : len(seconds)], volts = cells, cells.sum(axis=1)
             voltage[f, :end] = between(current, seconds, volts) - contacts[0][f, :end] * current
             core[f, : len(seconds)] = kelvin - _KELVIN
             for which, twin in enumerate(twins):
@@ -197,12 +199,14 @@ class PorousPack:
                 carried = (carried - twin.sensors.current_offset_a[f]) / twin.sensors.current_gain[f]
                 carried = carried + twin.sensors.unseen_a[f]
                 other, _, _ = self._fly(twin, f, carried[seconds])
-                twins_v[which, f, :end] = between(carried, seconds, other) - contacts[which + 1][f, :end] * carried
+                volts = other.sum(axis=1)
+                twins_v[which, f, :end] = between(carried, seconds, volts) - contacts[which + 1][f, :end] * carried
         unknown = np.full_like(flown.empty_voltage_s, np.nan)
         return replace(
             flown,
             voltage_v=voltage,
             twins_v=twins_v,
+            cells_v=cells_v,
             core_c=core,
             surface_c=core,
             rested_v=rested,
@@ -210,16 +214,16 @@ class PorousPack:
         )
 
     def _fly(self, world: Knobs, f: int, current_a: Array) -> tuple[Array, Array, float]:
-        """Voltage of the pack's cells, temperature, and the voltage 20 min after landing."""
+        """Voltages of the cells (T, 6), temperature, and the pack's voltage 20 min after landing."""
         rest = np.zeros(60 * REST_MINUTES - round(REST_S))
         cells, heat = world.cells, world.heat
         whole = np.concatenate([current_a, rest]) / self.parallel
-        kinds: dict[tuple[float, float, float], int] = {}
+        kinds: dict[tuple[float, float, float], list[int]] = {}
         for c in range(SERIES):
             own = (float(cells.soc[f, c]), float(cells.capacity[f, c]), float(cells.resistance[f, c]))
-            kinds[own] = kinds.get(own, 0) + 1
-        total, kelvin = np.zeros(len(whole)), np.zeros(len(whole))
-        for (soc, capacity, resistance), count in kinds.items():
+            kinds.setdefault(own, []).append(c)
+        found, kelvin = np.zeros((len(whole), SERIES)), np.zeros(len(whole))
+        for (soc, capacity, resistance), alike in kinds.items():
             given = _Conditions(
                 soc=min(soc, 1.0),
                 exchange=float(cells.exchange[f].mean()) / resistance,
@@ -229,9 +233,9 @@ class PorousPack:
                 cooling=heat.cooling,
             )
             volts, kelvin = self.solve(whole / capacity, 1.0, given)
-            total += count * volts
+            found[:, alike] = volts[:, None]
         n = len(current_a)
-        return total[:n], kelvin[:n], float(total[-1])
+        return found[:n], kelvin[:n], float(found[-1].sum())
 
 
 def between(current_a: Array, seconds: Array, volts: Array) -> Array:

@@ -16,6 +16,7 @@ from pymavlink import mavutil
 from bhm_service.mavlink.log import read_log
 from bhm_service.messages import BatteryStatus, Heartbeat, LandedState, SystemStatus
 from sim.concealed.answer import Answer
+from sim.concealed.flying import LOW_CELL_V, turns
 from sim.concealed.generate import CATALOGUE, OUTSIDE, generate
 from sim.concealed.packs import draw_pack
 from sim.concealed.sheets import CaseSheet, EffectSheet
@@ -211,6 +212,25 @@ def test_the_second_world_flies_the_same_sheets(tmp_path):
     assert answer.world == "porous" and answer.snr > 3.0
     assert 24.0 < volts[0] < 25.5 and 18.0 < min(volts) < 22.5
     assert not (tmp_path / "vehicle.toml").exists()  # its power is no vehicle's
+
+
+def test_a_pilot_of_the_second_world_lands_by_the_voltage_that_it_has(tmp_path):
+    """Its cells are empty before those are whose currents they carry."""
+    pytest.importorskip("pybamm", reason="the extra 'truth' is not installed")
+    thirsty = (EffectSheet("unseen-load", "large"), EffectSheet("capacity-fade", "large"))
+    generate(replace(NULL, kind="pair", effects=thirsty, world="porous", flights=1, pack=4), tmp_path)
+    log = read_log(tmp_path / "flights" / "00.tlog")
+    volts = [m.voltage_v for _, m in log.messages if isinstance(m, BatteryStatus) and m.voltage_v is not None]
+    assert min(volts) > 6 * (LOW_CELL_V - 0.1)  # what it loses until it is down
+    assert volts[-1] > min(volts) + 0.5  # and then it rests
+
+
+def test_a_pilot_takes_no_gust_for_an_empty_pack():
+    cells_v = np.full((3, 60, 6), 3.6)
+    cells_v[0, 20:24, 2] = LOW_CELL_V - 0.2  # four seconds
+    cells_v[1, 30:36, 2] = LOW_CELL_V - 0.2
+    cells_v[2, 50:] = np.nan  # landed
+    assert turns(cells_v, 600).tolist() == [600, 340, 600]
 
 
 @pytest.mark.parametrize(("pack", "cells", "entropic"), [(0, "Ai 2020", True), (4, "O'Kane 2022", False)])
