@@ -82,13 +82,17 @@ def turns(cells_v: Array, steps: int) -> Indices:
 
     ``cells_v`` are voltages (F, S, 6) once a second, of a flight of so many ``steps`` at most.
     """
-    low = cells_v.min(axis=2) < LOW_CELL_V
-    for_long = low.copy()
-    for seconds in range(1, _LOW_S + 1):
-        for_long[:, seconds:] &= low[:, :-seconds]
-    for_long[:, :_LOW_S] = False
-    found: Indices = np.where(for_long.any(axis=1), SECOND * for_long.argmax(axis=1), steps)
+    found = np.full(len(cells_v), steps, dtype=np.intp)
+    low_for = np.zeros(len(cells_v))
+    for second in range(cells_v.shape[1]):
+        low_for = _low_for(low_for, cells_v[:, second])
+        found[(low_for > _LOW_S) & (found == steps)] = SECOND * second
     return found
+
+
+def _low_for(before: Array, cells_v: Array) -> Array:
+    """For how long a cell has been low (F,), with this second's voltages (F, 6). [s]"""
+    return np.where(cells_v.min(axis=1) < LOW_CELL_V, before + 1.0, 0.0)
 
 
 def fly(
@@ -97,13 +101,13 @@ def fly(
     twins: tuple[Knobs, ...],
     load: Load,
     empty_soc: float = 0.0,
-    latest: Indices | None = None,
+    latest: Indices | float = np.inf,
 ) -> Flown:
     """Fly a case: lanes of the world with its effect, and twins in others, through the same steps.
 
     A twin carries the current that its own sensors would have to see to tell what is told. ``empty_soc`` is the mean
     state of charge of the cells when the lab calls the pack empty, which it does by the weakest of them. From the step
-    ``latest`` (F,) on a pilot lands as soon as the plan lets him, whatever these cells say.
+    ``latest`` (F,) on a pilot takes the pack for empty, whatever these cells say.
     """
     plan, sensors = load.plan, knobs.sensors
     worlds = [knobs, *twins]
@@ -146,10 +150,10 @@ def fly(
         if k % SECOND == 0:
             of_cells = cells.cells_v(everything)[:flights]
             cells_v[:, second], soc[:, second] = of_cells, cells.z[:flights].mean(axis=1)
-            low_for = np.where(of_cells.min(axis=1) < LOW_CELL_V, low_for + 1.0, 0.0)
+            low_for = _low_for(low_for, of_cells)
         heat.step(cells.step(everything), airborne, DT)
-        wary = low_for > _LOW_S if latest is None else (low_for > _LOW_S) | (k >= latest)
-        due = (position >= plan.land) | (wary & plan.may_land[lane, position])
+        low = (low_for > _LOW_S) | (k >= latest)
+        due = (position >= plan.land) | (low & plan.may_land[lane, position])
         down = due & (position < plan.descent)
         if down.any():
             for flight in map(int, np.flatnonzero(down)):

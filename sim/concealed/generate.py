@@ -49,13 +49,12 @@ def _flown(
     flown = fly(pack, knobs, twins, load, empty_soc)
     if porous is None:
         return flown
-    seen = porous.flown(flown, knobs, twins)
     steps = load.power_w.shape[1]
-    latest = turns(seen.cells_v, steps)
+    latest = turns(porous.flown(flown, knobs, ()).cells_v, steps)
     # Once is enough: each flies the same up to there, and then it lands.
     if (latest < steps).any():
-        seen = porous.flown(fly(pack, knobs, twins, load, empty_soc, latest), knobs, twins)
-    return seen
+        flown = fly(pack, knobs, twins, load, empty_soc, latest)
+    return porous.flown(flown, knobs, twins)
 
 
 def _plain(sheet: CaseSheet, pack: Pack) -> Knobs:

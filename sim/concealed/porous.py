@@ -1,7 +1,8 @@
 """The second world: the same sheets with PyBaMM's single particle model with electrolyte as the cells.
 
 Load, sensors and logs are the first world's; so are the currents, which its cells asked for with this one's rested
-voltage and resistance. Voltages, temperatures and lab recordings are PyBaMM's. Needs the extra ``truth``.
+voltage and resistance. Voltages, temperatures and lab recordings are PyBaMM's, and pilots land by its voltages. Needs
+the extra ``truth``.
 
 Parameter sets: Ai et al. 2020 and Marquis et al. 2019 (LiCoO2 pouches), Mohtat et al. 2020 (NMC pouch) and O'Kane et
 al. 2022 (NMC 21700), as they come with PyBaMM, varied.
