@@ -57,6 +57,7 @@ _MEASURES = {
     "rmse": "RMSE",
     "r": "correlation of the changes",
     "bias": "bias",
+    "change_rmse": "RMSE of the changes",
     "rise_error": "error of the largest rise",
 }
 

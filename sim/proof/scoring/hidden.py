@@ -28,10 +28,10 @@ def stem(flight: str) -> str:
 def compare(
     withheld: Mapping[str, Series], inferred: Mapping[str, Series], starts_s: Mapping[str, float]
 ) -> tuple[dict[str, float], list[str]]:
-    """Measures ``hidden.<quantity>.{rmse,r,bias,rise_error}`` over all flights, and why any is missing.
+    """Measures ``hidden.<quantity>.{rmse,bias,r,change_rmse,rise_error}`` over all flights, and why any is missing.
 
-    r is of the changes since each flight's first sample, so that an ambient that is guessed right does not earn it;
-    rise_error is the difference of the largest rises, the median over flights.
+    r and change_rmse are of the changes since each flight's first sample, so that an ambient that is guessed right does
+    not earn them; rise_error is the difference of the largest rises, the median over flights.
     """
     measures: dict[str, float] = {}
     missing: list[str] = []
@@ -57,6 +57,7 @@ def compare(
         measures[f"hidden.{quantity}.rmse"] = float(np.sqrt(np.mean((found - true) ** 2)))
         measures[f"hidden.{quantity}.bias"] = float(np.mean(found - true))
         moved_true, moved_found = (np.concatenate([pair[k] - pair[k][0] for pair in pairs]) for k in (0, 1))
+        measures[f"hidden.{quantity}.change_rmse"] = float(np.sqrt(np.mean((moved_found - moved_true) ** 2)))
         if np.std(moved_true) > 0.0 and np.std(moved_found) > 0.0:
             measures[f"hidden.{quantity}.r"] = float(np.corrcoef(moved_true, moved_found)[0, 1])
         else:
