@@ -8,6 +8,8 @@ from sim.concealed.catalogue import EffectKind, Scene
 from sim.concealed.knobs import ContactStep
 from sim.concealed.packs import FARADAY, GAS, GRID, SERIES, Array, Pack
 
+_SLOWED_MOHM = 6.0  # in a pack of the first world as much as half the speed of diffusion in one of the second
+
 
 def pulse_ohm(pack: Pack, celsius: float, current_a: float) -> float:
     """Resistance of a new pack at half charge after ten seconds of a current, at a temperature."""
@@ -122,6 +124,10 @@ def _cold_capacity(scene: Scene, per_k: float) -> None:
 
 
 def _slow_diffusion(scene: Scene, milliohm: float) -> None:
+    if scene.sheet.world == "porous":
+        # Its cells have a diffusion of their own, which takes up to two and a half times as long.
+        scene.cells(diffusion=scene.knobs.cells.diffusion / (1.0 + milliohm / _SLOWED_MOHM))
+        return
     ohm = 1e-3 * milliohm / SERIES * 16.0 / scene.pack.capacity_ah
     tau = float(scene.rng.uniform(150.0, 450.0))
     scene.cells(slow_ohm=np.full(scene.flights, ohm), slow_s=tau)

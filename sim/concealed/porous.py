@@ -42,6 +42,7 @@ class _Conditions:
 
     soc: float
     exchange: float = 1.0
+    diffusion: float = 1.0
     heats: bool = False
     start_k: float = _LAB_K
     ambient_k: float = _LAB_K
@@ -122,6 +123,7 @@ class PorousPack:
         values["Lower voltage cut-off [V]"], values["Upper voltage cut-off [V]"] = _FLOOR_V, _CEILING_V
         for electrode in ("Negative", "Positive"):
             self._scale(values, f"{electrode} electrode exchange-current density [A.m-2]", given.exchange)
+            self._scale(values, f"{electrode} particle diffusivity [m2.s-1]", given.diffusion)
         values["Initial temperature [K]"], values["Ambient temperature [K]"] = given.start_k, given.ambient_k
         values["Total heat transfer coefficient [W.m-2.K-1]"] = self._cooling_w_m2k * given.cooling
         model = pb.lithium_ion.SPMe({"thermal": "lumped" if given.heats else "isothermal"})
@@ -228,15 +230,23 @@ class PorousPack:
             given = _Conditions(
                 soc=min(soc, 1.0),
                 exchange=float(cells.exchange[f].mean()) / resistance,
+                diffusion=float(cells.diffusion[f].mean()),
                 heats=heat.heats,
                 start_k=float(heat.start_c[f]) + _KELVIN,
                 ambient_k=float(heat.ambient_c[f]) + _KELVIN,
                 cooling=heat.cooling,
             )
             volts, kelvin = self.solve(whole / capacity, 1.0, given)
+            volts = volts - cells.hysteresis_v * turned(whole / (self.capacity_ah * capacity), cells.hysteresis_width)
             found[:, alike] = volts[:, None]
         n = len(current_a)
         return found[:n], kelvin[:n], float(found[-1].sum())
+
+
+def turned(c_rate: Array, width: float) -> Array:
+    """How far, once a second, the discharge since a full charge has gone round the loop: 0 after a charge, up to 1."""
+    given = np.concatenate([np.zeros(1), np.cumsum(c_rate[:-1])]) / 3600.0
+    return np.asarray(1.0 - np.exp(-given / width))
 
 
 def between(current_a: Array, seconds: Array, volts: Array) -> Array:

@@ -64,6 +64,8 @@ POROUS = (
     "voltage-offset",
     "time-skew",
     "intermittent-contact",
+    "slow-diffusion",
+    "hysteresis",
 )
 
 

@@ -1,10 +1,10 @@
-"""What a porous-electrode cell that is solved once a second does in between."""
+"""What a porous-electrode cell that is solved once a second does in between, and beside what it is solved for."""
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from sim.concealed.porous import between
+from sim.concealed.porous import between, turned
 
 _DT = 0.1  # [s]
 _OHM, _SLOW_OHM, _SLOW_S = 0.05, 0.02, 30.0
@@ -38,3 +38,10 @@ def test_under_a_steady_current_it_is_straight(gusts):
     steady = np.full(gusts.size, 20.0)
     truth = _pack_v(steady)
     assert between(steady, seconds, truth[seconds]) == pytest.approx(truth, abs=1e-4)
+
+
+def test_hysteresis_turns_with_the_charge_that_is_given_and_not_at_rest():
+    """Closed form: 1 - exp(-q / width) of the charge given so far."""
+    c_rate = np.concatenate([np.zeros(60), np.full(900, 2.0), np.zeros(300)])
+    given = np.concatenate([np.zeros(61), np.arange(1, 900) * 2.0 / 3600.0, np.full(300, 0.5)])
+    assert turned(c_rate, 0.05) == pytest.approx(1.0 - np.exp(-given / 0.05))

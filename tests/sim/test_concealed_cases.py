@@ -214,6 +214,15 @@ def test_the_second_world_flies_the_same_sheets(tmp_path):
     assert not (tmp_path / "vehicle.toml").exists()  # its power is no vehicle's
 
 
+@pytest.mark.parametrize("name", ["slow-diffusion", "hysteresis"])
+def test_the_second_worlds_own_cells_diffuse_slower_and_have_a_loop(tmp_path, name):
+    """Against its twin without that, under the same currents."""
+    pytest.importorskip("pybamm", reason="the extra 'truth' is not installed")
+    answer = generate(replace(FADE, effects=(EffectSheet(name, "large"),), world="porous", flights=1), tmp_path)
+    assert answer.snr > 3.0
+    assert name in answer.accept
+
+
 def test_a_pilot_of_the_second_world_lands_by_the_voltage_that_it_has(tmp_path):
     """Its cells are empty before those are whose currents they carry."""
     pytest.importorskip("pybamm", reason="the extra 'truth' is not installed")
