@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import prod
 
 import numpy as np
 
 from bhm_service.battery.effects.base import Effect
+from bhm_service.battery.effects.slow_diffusion import SlowDiffusion
 from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.battery.pack import PackModel, Simulation
 from bhm_service.discrepancy import forms as form
@@ -335,8 +337,9 @@ class Joint:
         """Times what the cells' drop is in the lab, of the first vectors: at once and later (2, M, F, T).
 
         What the lab told that its model's form is off by is a share of the drop, so it grows with that in the cold,
-        which slows down all that a cell does: two to four times. What else makes resistance grow has a place of its
-        own. Of what no lab told nothing is known at the lab's temperature: it is what flights make it.
+        which slows down all that a cell does: two to four times. Where diffusion is slower than in the lab, what comes
+        later grows with it. What else makes resistance grow has a place of its own. Of what no lab told nothing is
+        known at the lab's temperature: it is what flights make it.
         """
         if not self.lab.form_told:
             return None
@@ -344,7 +347,8 @@ class Joint:
         cold = [effect for effect in pack.effects if "temperature" in effect.drivers and not effect.state_names]
         bare = PackModel(pack.cell, pack.series, pack.parallel, cold)
         by = bare.modifiers(run.states, run.temperature, group.current_a)
-        times = (by.resistance, 1.0 / np.sqrt(by.kinetics * by.diffusion))
+        slower = [effect.slowing for effect in pack.effects if isinstance(effect, SlowDiffusion)]
+        times = (by.resistance, prod(slower, start=1.0 / by.diffusion))
         if all(np.ndim(t) == 0 and t == 1.0 for t in times):
             return None
         return np.stack([np.broadcast_to(t, (rows, *group.time_s.shape))[:count] for t in times])

@@ -21,6 +21,7 @@ FLIGHTS = [flown(number=k, kelvin=AMBIENT_K[k], samples=150) for k in range(2)]
 MEMBERS = [
     {"capacity-fade"}, {"resistance-temperature"}, {"unseen-load", "contact-resistance"}, {"partial-charge"},
     {"voltage-offset", "hysteresis"}, {"time-skew"},
+    {"slow-diffusion"},
 ]  # fmt: skip
 IDS = ["+".join(sorted(m)) for m in MEMBERS]
 
@@ -75,6 +76,28 @@ def test_a_drop_that_the_lab_told_is_the_cells_own_and_grows_with_it_in_the_cold
     pair = EFFECTS["slow-diffusion"](resistance=ohm, time_constant=120.0)
     off = told("lab_drop_120") - flown_by(cell, pair)
     assert np.abs(off).max() < 0.1 * np.ptp(flown_by(cell, pair) - flown_by(cell))
+
+
+def test_a_drop_that_the_lab_told_takes_longer_and_grows_where_diffusion_is_slower():
+    """As one of a pair behind the cell, which diffusion slows down; what is there at once stays what it is."""
+    joint = with_members(FLIGHTS, {"slow-diffusion"})
+    joint = replace(joint, lab=told_its_form(joint.lab))
+    cell, ohm, data = BATTERY.cell("circ"), 0.2 * joint.lab.ohm, FLIGHTS[1]
+
+    def told(name):
+        x = joint.unknowns.start.copy()
+        x[joint.places["slow-diffusion.resistance"]] = 0.0
+        x[joint.places["slow-diffusion.slowing"]] = 1.8
+        x[joint.places[name]] = 0.2
+        return joint.predicted(x[None, :], 1).voltage[0]
+
+    def flown_by(cell, of_lab_ohm):
+        slower = EFFECTS["slow-diffusion"](resistance=of_lab_ohm, time_constant=120.0, slowing=1.8)
+        return np.ravel(PackModel(cell, SERIES, 1.0, [slower]).simulate(data.time_s, data.current_a, 1.0).voltage)
+
+    np.testing.assert_allclose(told("lab_drop_0"), flown_by(replace(cell, r_s=cell.r_s + ohm), 0.0), atol=1e-9)
+    off = told("lab_drop_120") - flown_by(cell, ohm)
+    assert np.abs(off).max() < 0.1 * np.ptp(flown_by(cell, ohm) - flown_by(cell, 0.0))
 
 
 @pytest.mark.parametrize("skew_s", [-2.0, -0.5, 1.0])

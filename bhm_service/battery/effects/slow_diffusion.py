@@ -16,12 +16,12 @@ from bhm_service.units import Value
 class SlowDiffusion(Effect):
     """tau dV_2/dt = R_2 i - V_2, taken from the cell's voltage; both grow as diffusion slows down.
 
-    Chem has diffusion of its own, so there it may be that diffusion which is slower than identified.
+    Or it is the cell's own diffusion, in every pair behind it and in Chem's particles, that is slower than in the lab.
     """
 
     id: ClassVar[str] = "slow-diffusion"
     title: ClassVar[str] = "Slow diffusion"
-    equation: ClassVar[str] = "tau_2 dV_2/dt = R_2 i - V_2; Chem also t_diffusion = s t_diffusion,lab"
+    equation: ClassVar[str] = "tau_2 dV_2/dt = R_2 i - V_2; diffusion times of the cell s times the lab's"
     source: ClassVar[str] = "second pair of equivalent circuits; diffusion of Daigle & Kulkarni 2013"
     excited_by: ClassVar[str] = "minutes of steady load, and the rest after landing"
     mimics: ClassVar[tuple[str, ...]] = ("hysteresis", "ocv-shape", "self-heating")
@@ -37,8 +37,7 @@ class SlowDiffusion(Effect):
         "tau_2", "s", 10.0, 2e4, "its time constant", prior=(300.0, 150.0), source="100-600 s"
     )
     slowing: Value = parameter(
-        "s", "1", 0.05, 20.0, "diffusion time over that of the lab", default=1.0, absent=1.0, prior=(1.0, 0.4),
-        model="chem",
+        "s", "1", 0.05, 20.0, "diffusion time over that of the lab", default=1.0, absent=1.0, prior=(1.0, 0.4)
     )  # fmt: skip
 
     def start(self) -> tuple[Value, ...]:
