@@ -49,6 +49,7 @@ _PAIR = 2  # effects: what joins two and earns its place is among the first of w
 # The more a model gets wrong in the lab, the more of what it leaves in flight is its own.
 _USUAL_V = 0.012  # [V] of a cell: what a model that follows its cell is off by on recordings that no fit saw, at most
 _BENT = 3.0  # standard deviations
+_COLD_SDS = 2.0
 _FLOOR_V = 1e-3  # [V] of a cell: no voltage is measured and modelled better than this
 
 Progress = Callable[[str], None]
@@ -94,8 +95,13 @@ class Search:
             if start is not None:
                 joint = replace(joint, lean={n: own for n, own in start.joint.lean.items() if n in joint.places})
             best = min((f.cost for f in self.fits.values()), default=None)
+            # What numbers lean by is of the noise and of what is known before: another search's is only a start.
+            again = start is not None and start.noise is not self.noise
+            hides = _hides(joint, None if again else start)
             starts = _starts(joint, start)
-            hides = _hides(joint, start)
+            # So is the valley that it took for a driver that nobody recorded.
+            if again and hides:
+                starts += [_carried(joint, None), _colder(joint)]
             if not hides:
                 starts.sort(key=lambda x: cost_of(joint, x, self.noise))
             ends = []
@@ -105,8 +111,6 @@ class Search:
                 if not hides and not _vanished(ends[-1]):
                     break
             end = likelier(ends)
-            # What numbers lean by is of the noise and of what is known before: another search's is only a start.
-            again = start is not None and start.noise is not self.noise
             self.fits[names] = likeliest(end) if hides or again else end
         return self.fits[names]
 
@@ -240,6 +244,18 @@ def _carried(joint: Joint, start: Fitted | None) -> Array:
         for block in joint.unknowns.blocks:
             if block.name in known and not (bent and block.name.startswith("lab_")):
                 x[joint.unknowns.slice_of(block.name)] = known[block.name]
+    return x
+
+
+def _colder(joint: Joint) -> Array:
+    """A start from what was known before, but all flights as cold as they may well have been.
+
+    Where a cold pack is fitted from a warm one, other numbers are first to take what the cold does, and keep it.
+    """
+    x = joint.unknowns.start.copy()
+    air = [u.name for member in joint.members for u in member.unknowns if u.of_course and u.apart is not None]
+    for where in map(joint.places.__getitem__, air):
+        x[where] = np.maximum(x[where] - _COLD_SDS * joint.scale[where], joint.unknowns.low[where])
     return x
 
 

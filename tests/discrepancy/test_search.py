@@ -22,6 +22,7 @@ from discrepancy.flown import (
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.explain import Request, explain
+from bhm_service.discrepancy.fitting import fit
 from bhm_service.discrepancy.search import Search, needed, saturated_noise, search
 from bhm_service.discrepancy.selection import select, share
 
@@ -107,6 +108,25 @@ def test_a_warmth_that_nobody_recorded_is_found_from_where_there_is_none_of_it()
     fitted = found.fitted(hidden, found.fitted(frozenset()))
     assert sized(fitted, f"{WARMTH}.activation_energy") > 10.0
     assert found.evidence(hidden) > 10.0
+
+
+def test_a_driver_that_nobody_recorded_is_looked_for_anew_where_the_noise_is_another():
+    """A first search, of other noise, may have taken cold flights for warm ones, and what the cold does for the lab's.
+
+    How cold it was and how much resistance minds that trade against each other; which side of the lab it was does not.
+    """
+    cold = EFFECTS["self-heating"](heat_capacity=60.0, conductance=0.25, ambient=268.15, start_above=0.0)
+    flights = tuple(flown([EFFECTS[WARMTH](activation_energy=25e3), cold], seed=8, number=k) for k in range(4))
+    tried, hidden = tuple(catalogue(flights, only={WARMTH})), frozenset({WARMTH})
+    first = Search(base(flights), tried, noise_model())
+    joint, ambient = first.joint(hidden), "self-heating.ambient"
+    x = joint.unknowns.start.copy()
+    x[joint.places[ambient]] = 313.0
+    warm = fit(joint, first.noise, x, moving=[b.name for b in joint.unknowns.blocks if b.name != ambient])
+    found = Search(base(flights), tried, replace(first.noise, sigma_v=1.1 * first.noise.sigma_v))
+    fitted = found.fitted(hidden, warm)
+    assert np.mean(fitted.joint.values(fitted.x[None, :])[ambient]) < 288.0
+    assert sized(fitted, f"{WARMTH}.activation_energy") > 10.0
 
 
 def worn(*effects):
