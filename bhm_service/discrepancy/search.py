@@ -49,7 +49,7 @@ _PAIR = 2  # effects: what joins two and earns its place is among the first of w
 # The more a model gets wrong in the lab, the more of what it leaves in flight is its own.
 _USUAL_V = 0.012  # [V] of a cell: what a model that follows its cell is off by on recordings that no fit saw, at most
 _BENT = 3.0  # standard deviations
-_COLD_SDS = 2.0
+_COLD_SDS = 2.0  # of what is known of the air before: colder hardly any flights are
 _FLOOR_V = 1e-3  # [V] of a cell: no voltage is measured and modelled better than this
 
 Progress = Callable[[str], None]
@@ -97,11 +97,11 @@ class Search:
             best = min((f.cost for f in self.fits.values()), default=None)
             # What numbers lean by is of the noise and of what is known before: another search's is only a start.
             again = start is not None and start.noise is not self.noise
-            hides = _hides(joint, None if again else start)
-            starts = _starts(joint, start)
             # So is the valley that it took for a driver that nobody recorded.
+            hides = _hides(joint, None if again else start)
+            starts = _starts(joint, start, hides)
             if again and hides:
-                starts += [_carried(joint, None), _colder(joint)]
+                starts.append(_colder(joint))
             if not hides:
                 starts.sort(key=lambda x: cost_of(joint, x, self.noise))
             ends = []
@@ -202,17 +202,17 @@ def _by_members(at: Fitted) -> Array:
     return parts
 
 
-def _starts(joint: Joint, start: Fitted | None) -> list[Array]:
+def _starts(joint: Joint, start: Fitted | None, hides: bool) -> list[Array]:
     """Where the fit of a set may begin: from another set's, what joins that at its usual size or not there yet.
 
     A fit without a driver that nobody recorded has put what that does where it does not belong, into the lab's errors
-    and the flights' starts: where such an effect joins, from what was known before as well.
+    and the flights' starts: where it ``hides``, from what was known before as well.
     """
     if start is None:
         return [_carried(joint, None)]
     there = {member.id for member in start.joint.members}
     joining = [member for member in joint.members if member.id not in there]
-    fresh = [_carried(joint, None)] if _hides(joint, start) else []
+    fresh = [_carried(joint, None)] if hides else []
     return [_carried(joint, start), *(_absent(joint, start, member) for member in joining), *fresh]
 
 

@@ -8,7 +8,7 @@ from sim.concealed.catalogue import EffectKind, Scene
 from sim.concealed.knobs import ContactStep
 from sim.concealed.packs import FARADAY, GAS, GRID, SERIES, Array, Pack
 
-_SLOWED_MOHM = 6.0  # in a pack of the first world as much as half the speed of diffusion in one of the second
+_SLOWED_MOHM = 6.0  # a size of the first world over this is by how much longer diffusion takes in the second
 
 
 def pulse_ohm(pack: Pack, celsius: float, current_a: float) -> float:

@@ -244,7 +244,7 @@ class PorousPack:
 
 
 def turned(c_rate: Array, width: float) -> Array:
-    """How far, once a second, the discharge since a full charge has gone round the loop: 0 after a charge, up to 1."""
+    """How far, once a second, a discharge [1/h] has gone round the loop since the last charge: from 0 up to 1."""
     given = np.concatenate([np.zeros(1), np.cumsum(c_rate[:-1])]) / 3600.0
     return np.asarray(1.0 - np.exp(-given / width))
 

@@ -16,7 +16,8 @@ from bhm_service.units import Value
 class SlowDiffusion(Effect):
     """tau dV_2/dt = R_2 i - V_2, taken from the cell's voltage; both grow as diffusion slows down.
 
-    Or it is the cell's own diffusion, in every pair behind it and in Chem's particles, that is slower than in the lab.
+    Or it is the cell's own diffusion that is slower than in the lab: in Chem's particles, in other pairs of this kind,
+    and in Circ's own pair, which takes half of it.
     """
 
     id: ClassVar[str] = "slow-diffusion"
