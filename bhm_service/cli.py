@@ -191,6 +191,7 @@ def prove(again: Path | None, **given: Any) -> None:
               help="Where findings and report go.")  # fmt: skip
 @click.option("--install", is_flag=True, help="Put the repaired battery beside the old one, to fly in its shadow.")
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
+@click.option("--cores", type=click.IntRange(1, 64), help="Cores to use. [all there are]")
 def explain(**given: Any) -> None:
     """Say which physics the battery file leaves out, by the flights that disagree with it.
 

@@ -15,6 +15,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from bhm_service.battery.battery_file import BatteryFile, ModelName, read_battery, write_battery
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.config import read_vehicle
+from bhm_service.discrepancy.cores import available
 from bhm_service.discrepancy.demand_side import DemandSide
 from bhm_service.discrepancy.explain import Request, explain
 from bhm_service.discrepancy.explanation import Explanation
@@ -46,6 +47,7 @@ class Task:
     install: bool = False
     as_json: bool = False
     told: str | None = None  # effects, joined by +
+    cores: int | None = None  # to use; all that there are
 
 
 def explain_logs(task: Task) -> int:
@@ -82,6 +84,7 @@ def explain_logs(task: Task) -> int:
                 capacity_c=capacity_c,
                 vehicle=vehicle,
                 told=told,
+                cores=task.cores or available(),
             ),
             progress,
         )

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
 from bhm_service.battery.effects.contact import IntermittentContact
 from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.discrepancy.candidate import Candidate, Unknown
+from bhm_service.discrepancy.cores import on_cores
 from bhm_service.discrepancy.fitting import Fitted, fit
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.joint import Joint
@@ -87,14 +89,17 @@ class Unseen:
     def by(self, names: Names) -> list[Array]:
         """With a set of effects. [V]"""
         if names not in self._sets:
-            self._sets[names] = [_predicted(self.found, names, k) for k in range(len(self.found.base.flights))]
+            self.found.fitted(names)
+            tasks = [partial(_predicted, self.found, names, k) for k in range(len(self.found.base.flights))]
+            self._sets[names] = on_cores(tasks, self.found.cores)
         return self._sets[names]
 
     def as_it_is(self) -> list[Array]:
         """By the battery as it is. [V]"""
         if not self._bare:
-            flights = range(len(self.found.base.flights))
-            self._bare = [predicted_from_quarter(self.found.base, None, k, self.found.noise) for k in flights]
+            base, noise = self.found.base, self.found.noise
+            tasks = [partial(predicted_from_quarter, base, None, k, noise) for k in range(len(base.flights))]
+            self._bare = on_cores(tasks, self.found.cores)
         return self._bare
 
 

@@ -9,13 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
+from bhm_service.discrepancy.cores import on_cores
 from bhm_service.discrepancy.explanation import Contest
-from bhm_service.discrepancy.fitting import fit
+from bhm_service.discrepancy.fitting import Bare, fit
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.joint import Joint
+from bhm_service.discrepancy.noise import Noise
 from bhm_service.discrepancy.search import NEAR, Names, Search
 from bhm_service.units import REFERENCE_TEMPERATURE_K, Array
 
@@ -49,15 +52,28 @@ def contests(found: Search, names: Names, rng: np.random.Generator) -> list[Cont
     phantoms = _hidden_phantoms(flights) if hidden else _phantoms(flights, rng)
     true = found.fitted(names)
     by = found.inflation
+    plain = tuple(c.alone() if c.inferred else c for c in members)
+    joints = [
+        Joint(found.base.lab, _given(flights, phantom.courses), plain, found.base.start_sd)
+        for phantom in phantoms.values()
+    ]
+    rivals = on_cores([partial(_fitted, joint, found.noise) for joint in joints], found.cores)
     results = []
-    for name, phantom in phantoms.items():
-        given = tuple(replace(f, temperature_k=t) for f, t in zip(flights, phantom.courses, strict=True))
-        plain = tuple(c.alone() if c.inferred else c for c in members)
-        rival = fit(Joint(found.base.lab, given, plain, found.base.start_sd), found.noise)
+    for (name, phantom), joint, bare in zip(phantoms.items(), joints, rivals, strict=True):
+        rival = bare.on(joint, found.noise)
         # Where the warmth itself has to be found, that it could have been another is not what a phantom beats it by.
         nats = 0.5 * (rival.cost - true.cost) / by if hidden else true.evidence(by) - rival.evidence(by)
         results.append(Contest(name, float(nats), bool(nats > NEAR), rival, phantom.anew))
     return results
+
+
+def _given(flights: tuple[FlightData, ...], courses: list[Array]) -> tuple[FlightData, ...]:
+    """The flights with these temperatures."""
+    return tuple(replace(f, temperature_k=t) for f, t in zip(flights, courses, strict=True))
+
+
+def _fitted(joint: Joint, noise: Noise) -> Bare:
+    return fit(joint, noise).bare
 
 
 def _phantoms(flights: tuple[FlightData, ...], rng: np.random.Generator) -> dict[str, Phantom]:

@@ -54,6 +54,7 @@ class Request:
     capacity_c: float | None = None
     vehicle: Vehicle | None = None  # whose demand model the flights' power is held against
     told: Names = frozenset()  # effects to take as given; the catalogue is searched where there are none
+    cores: int = 1  # that it may use
 
 
 def explain(request: Request, progress: Progress = lambda _: None) -> Explanation:
@@ -73,7 +74,7 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
     if request.told:
         tried = [c for c in tried if c.id in request.told]
     progress("the battery as it is")
-    found = search(base, tried, progress)
+    found = search(base, tried, progress, request.cores)
     progress("which of them stands")
     rng = np.random.default_rng(_SEED)
     second = _witness(request, found, flights)

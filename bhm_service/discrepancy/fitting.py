@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Generic, Protocol
 
@@ -60,6 +60,23 @@ class Problem(Protocol):
 
 
 ProblemT = TypeVar("ProblemT", bound=Problem, default=Joint)
+
+
+@dataclass(frozen=True, slots=True)
+class Bare:
+    """What a fit of flights found without the flights: little enough to go from one process to another."""
+
+    lean: Mapping[str, float]
+    x: Array
+    cost: float
+    rows: list[Array]
+    curvature: Array
+    gradient: Array
+
+    def on(self, joint: Joint, noise: Noise) -> Fitted:
+        """The fit, of the hypothesis that was fitted with this noise."""
+        joint = replace(joint, lean=self.lean)
+        return Fitted(joint, noise, self.x, self.cost, self.rows, self.curvature, self.gradient)
 
 
 def bulk(rows: Sequence[Array]) -> float:
@@ -125,6 +142,11 @@ class Fitted(Generic[ProblemT]):
     def misfit(self) -> float:
         """Mean squared innovation, far ones by their size: one where the noise explains all."""
         return bulk(self.rows) / self.size
+
+    @property
+    def bare(self: Fitted[Joint]) -> Bare:
+        """What it found, without its flights."""
+        return Bare(self.joint.lean, self.x, self.cost, self.rows, self.curvature, self.gradient)
 
     def evidence(self: Fitted[Joint], inflation: float) -> float:
         """Laplace's approximation of the log evidence, but for what all hypotheses on these flights share. [nats]

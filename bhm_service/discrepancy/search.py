@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.alikeness import FlightSpread
 from bhm_service.discrepancy.candidate import Candidate
-from bhm_service.discrepancy.fitting import Fitted, ProblemT, cost_of, fit, one_step
+from bhm_service.discrepancy.cores import on_cores
+from bhm_service.discrepancy.fitting import Bare, Fitted, ProblemT, cost_of, fit, one_step
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.marginal import likelier, likeliest
 from bhm_service.discrepancy.noise import MOST_DOUBT, SUDDEN, Noise, doubt_of_alike, estimated
@@ -84,6 +86,7 @@ class Search:
     snr: dict[str, float] = field(default_factory=dict)  # expected of each candidate at its usual size
     fits: dict[Names, Fitted] = field(default_factory=dict)
     spreads: Mapping[str, FlightSpread] = field(default_factory=dict)  # of candidates that the flights told of
+    cores: int = 1  # that it may use
     _joints: dict[Names, Joint] = field(default_factory=dict, init=False)
     _added: dict[Names, Array] = field(default_factory=dict, init=False)
     _alone: dict[Names, Array] = field(default_factory=dict, init=False)
@@ -91,28 +94,47 @@ class Search:
     def fitted(self, names: Names, start: Fitted | None = None) -> Fitted:
         """The fit of a set, begun from a smaller set's where one is given."""
         if names not in self.fits:
-            joint = self.joint(names)
-            if start is not None:
-                joint = replace(joint, lean={n: own for n, own in start.joint.lean.items() if n in joint.places})
-            best = min((f.cost for f in self.fits.values()), default=None)
-            # What numbers lean by is of the noise and of what is known before: another search's is only a start.
-            again = start is not None and start.noise is not self.noise
-            # So is the valley that it took for a driver that nobody recorded.
-            hides = _hides(joint, None if again else start)
-            starts = _starts(joint, start, hides)
-            if again and hides:
-                starts.append(_colder(joint))
-            if not hides:
-                starts.sort(key=lambda x: cost_of(joint, x, self.noise))
-            ends = []
-            for begin in starts:
-                ends.append(fit_over_valleys(joint, self.noise, begin, aim=best))
-                # Where the start was bent the other way an effect of one sign ends at none, though it is there.
-                if not hides and not _vanished(ends[-1]):
-                    break
-            end = likelier(ends)
-            self.fits[names] = likeliest(end) if hides or again else end
+            self.fits[names] = self._found(names, start, self._least)
         return self.fits[names]
+
+    def fit_all(self, starts: Mapping[Names, Fitted]) -> None:
+        """Fit sets that do not wait for each other, the likeliest first: what is far from that is fitted loosely."""
+        new = [names for names in starts if names not in self.fits]
+        for names in new[:1]:
+            self.fitted(names, starts[names])
+        others, aim = new[1:], self._least
+        tasks = [partial(self._bare, own, starts[own], aim) for own in others]
+        for own, bare in zip(others, on_cores(tasks, self.cores), strict=True):
+            self.fits[own] = bare.on(self.joint(own), self.noise)
+
+    def _bare(self, names: Names, start: Fitted, aim: float | None) -> Bare:
+        return self._found(names, start, aim).bare
+
+    @property
+    def _least(self) -> float | None:
+        return min((f.cost for f in self.fits.values()), default=None)
+
+    def _found(self, names: Names, start: Fitted | None, aim: float | None) -> Fitted:
+        joint = self.joint(names)
+        if start is not None:
+            joint = replace(joint, lean={n: own for n, own in start.joint.lean.items() if n in joint.places})
+        # What numbers lean by is of the noise and of what is known before: another search's is only a start.
+        again = start is not None and start.noise is not self.noise
+        # So is the valley that it took for a driver that nobody recorded.
+        hides = _hides(joint, None if again else start)
+        starts = _starts(joint, start, hides)
+        if again and hides:
+            starts.append(_colder(joint))
+        if not hides:
+            starts.sort(key=lambda x: cost_of(joint, x, self.noise))
+        ends = []
+        for begin in starts:
+            ends.append(fit_over_valleys(joint, self.noise, begin, aim=aim))
+            # Where the start was bent the other way an effect of one sign ends at none, though it is there.
+            if not hides and not _vanished(ends[-1]):
+                break
+        end = likelier(ends)
+        return likeliest(end) if hides or again else end
 
     def joint(self, names: Names) -> Joint:
         """The hypothesis of a set."""
@@ -144,7 +166,10 @@ class Search:
         """What each other candidate that shows is expected to add to a set's evidence, by one linear step. [nats]"""
         at = self.fitted(names)
         others = [c for c in self.candidates if c.id not in names and c.shown_beside(names)]
-        return {c.id: _linear_gain(at, self.joint(names | {c.id}), c) for c in others}
+        # What all of them need is made before they part.
+        _ = at.known_curvature, at.weighted
+        tasks = [partial(_linear_gain, at, self.joint(names | {c.id}), c) for c in others]
+        return dict(zip([c.id for c in others], on_cores(tasks, self.cores), strict=True))
 
     def needed(self, name: str, names: Names = frozenset()) -> float:
         """What a member of a set has to earn on these flights. [nats]"""
@@ -186,8 +211,7 @@ class Search:
     def earned(self, names: Names) -> dict[str, float]:
         """Evidence that each member adds to the others. [nats]"""
         whole = self.fitted(names)
-        for m in names:
-            self.fitted(names - {m}, whole)
+        self.fit_all({names - {m}: whole for m in sorted(names)})
         return {m: self.evidence(names) - self.evidence(names - {m}) for m in names}
 
 
@@ -354,12 +378,12 @@ def saturated_noise(at: Fitted, candidates: Sequence[Candidate]) -> Noise:
     return replace(noise, sudden=SUDDEN, doubt=doubt_of_alike(len(left)) * poor)
 
 
-def search(base: Joint, candidates: Sequence[Candidate], progress: Progress = lambda _: None) -> Search:
+def search(base: Joint, candidates: Sequence[Candidate], progress: Progress = lambda _: None, cores: int = 1) -> Search:
     """All sets worth comparing, fitted; the noise is taken again once the largest effects are known."""
     start = fit(base, Noise(0.98, 0.8, base.lab.series * 0.002))
     noise = saturated_noise(start, candidates)
     progress("one effect at a time")
-    found = Search(base, tuple(candidates), noise)
+    found = Search(base, tuple(candidates), noise, cores=cores)
     at = found.fitted(frozenset(), start)
     alone = [c for c in candidates if c.shown_beside(frozenset())]
     found.snr = {c.id: expected_snr(at, found.joint(frozenset({c.id})), c) for c in alone}
@@ -377,11 +401,11 @@ def search(base: Joint, candidates: Sequence[Candidate], progress: Progress = la
     progress("sets of effects")
     # An effect that is part of the answer is in the fit already; what is still pulled is the model's own error.
     wider = replace(base, lab=base.lab.widened(lambda name: best.joint.pulled(name, best.x)))
-    again = Search(wider, everything, noise, found.snr, spreads=spreads)
+    again = Search(wider, everything, noise, found.snr, spreads=spreads, cores=cores)
     again.fitted(frozenset(), found.fits[frozenset()])
     # Sets grow one by one again: with their members' onsets and spreads known, others may be the best.
-    for names in [names for names in found.ranked() if len(names) == 1][: 2 * _WIDTH]:
-        again.fitted(names, found.fits[names])
+    best_alone = [names for names in found.ranked() if len(names) == 1][: 2 * _WIDTH]
+    again.fit_all({names: found.fits[names] for names in best_alone})
     _grow(again, depth=_DEPTH, progress=progress)
     return again
 
@@ -452,15 +476,15 @@ def _begun(found: Search, candidate: Candidate, largest: Names) -> Candidate:
 def _grow(found: Search, depth: int, progress: Progress) -> None:
     beam: list[Names] = [frozenset()]
     for size in range(depth):
-        tried: set[Names] = set()
+        tried: dict[Names, Fitted] = {}
         for place, names in enumerate(beam):
             gains = found.gains(names)
             order = sorted(gains, key=lambda name: -gains[name])
             # What is likely to be part of the answer is tried with all that may join it, the rest with what looks best.
             likely = [name for name in order if size == 0 or gains[name] > 0.0]
             for name in likely if place == 0 and size < _PAIR else likely[:_EXPANSIONS]:
-                tried.add(names | {name})
-                found.fitted(names | {name}, found.fitted(names))
+                tried.setdefault(names | {name}, found.fitted(names))
+        found.fit_all(tried)
         progress(f"sets of {size + 1}")
         beam = sorted(tried, key=lambda names: -found.evidence(names))[:_WIDTH]
         # One more of them has to earn its place as well: what this one hardly did, no other does beside it.

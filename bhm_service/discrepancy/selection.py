@@ -63,8 +63,8 @@ def select(found: Search, refuted: Collection[Names] = (), absent: Names = froze
     ``absent`` are effects of which it is known that they are not there: no set with one of them is the answer.
     """
     best = _best(found, absent)
-    for member in sorted(best):  # which may have no place in it; the beam has not met each of its parts
-        found.fitted(best - {member}, found.fitted(best))
+    # A member may have no place in it; the beam has not met each of its parts.
+    found.fit_all({best - {member}: found.fitted(best) for member in sorted(best)})
     near = _near(found, refuted, absent)
     for _ in range(_RIVALRIES):
         held = near[:1]
@@ -147,6 +147,7 @@ def _open(found: Search, refuted: Collection[Names], absent: Names) -> list[Name
 
 def _swaps(found: Search, names: Names) -> None:
     """Each member against its mimics and against what looks best beside the others: the beam has met few of these."""
+    swapped: dict[Names, Fitted] = {}
     for member in sorted(names):
         others = names - {member}
         there = {c.id for c in found.candidates if c.shown_beside(others)}
@@ -156,7 +157,8 @@ def _swaps(found: Search, names: Names) -> None:
             rivals += sorted(gains, key=lambda name: -gains[name])[:_RIVALS]
         for other in dict.fromkeys(rivals):
             if other not in names:
-                found.fitted(others | {other}, found.fitted(names))
+                swapped[others | {other}] = found.fitted(names)
+    found.fit_all(swapped)
 
 
 def _stands(found: Search, names: Names, behind: float) -> bool:

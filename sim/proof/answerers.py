@@ -81,6 +81,7 @@ class Tool:
     confinement: Confinement
     needs_answer: bool = False
     can_be_told: bool = False
+    cores: int = 1  # for one case
     _locks: dict[str, Lock] = field(default_factory=dict)
     _lock: Lock = field(default_factory=Lock)
 
@@ -105,6 +106,7 @@ class Tool:
 
     def _explain(self, case: Case, battery: Path, out: Path) -> list[str]:
         command = [*_bhm("explain"), *map(str, case.flights), "--battery", str(battery), "-o", str(out)]
+        command += ["--cores", str(self.cores)]
         if case.vehicle is not None:
             command += ["--vehicle", str(case.vehicle)]
         if case.sidecar is not None:
@@ -127,8 +129,8 @@ class Tool:
         return path, said.read_text() if said.exists() else ""
 
 
-def answerer(name: str, folder: Path, confinement: Confinement) -> Tool | StandIn:
-    """An answerer by its name. Raises BadInputError for one that is not known."""
+def answerer(name: str, folder: Path, confinement: Confinement, cores: int = 1) -> Tool | StandIn:
+    """An answerer by its name, with so many cores for a case. Raises BadInputError for one that is not known."""
     who, _, what = name.partition(":")
     if name == "tool":
         batteries = folder / "batteries"
@@ -138,7 +140,7 @@ def answerer(name: str, folder: Path, confinement: Confinement) -> Tool | StandI
             raise BadInputError(
                 "--answerer tool", "there is no bhm explain here", "stand-ins: none, random, oracle ..."
             )
-        return Tool(batteries, confinement, can_be_told="--told" in options)
+        return Tool(batteries, confinement, can_be_told="--told" in options, cores=cores)
     known = name in ("none", "random", "oracle") or (who == "always" and what in EFFECTS)
     known = known or (who == "random" and what.isdigit())
     if not known:

@@ -17,6 +17,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Protocol
 
+from bhm_service.discrepancy.cores import available
 from bhm_service.errors import BadInputError
 from sim.proof.answerers import Answerer, answerer
 from sim.proof.cases import Batch, Case
@@ -81,7 +82,7 @@ def prove(request: Request, said: Callable[[str], None], progress: Progress) -> 
     held = folder / "held"
     held.mkdir(mode=0o700)
     kept_in = confinement([SHARED, held])
-    who = answerer(request.answerer, folder, kept_in)
+    who = answerer(request.answerer, folder, kept_in, max(1, available() // request.jobs))
     begin = datetime.now(UTC)
     batches = {s.name: s.draw(seed, request.cases or s.cases) for s in chosen}
     answers = _made(batches, folder, held, request.jobs, progress)

@@ -129,6 +129,15 @@ def test_a_driver_that_nobody_recorded_is_looked_for_anew_where_the_noise_is_ano
     assert sized(fitted, f"{WARMTH}.activation_energy") > 10.0
 
 
+def test_on_two_cores_the_same_is_found_to_the_last_bit():
+    flights, tried = warm(EFFECTS[WARMTH](activation_energy=25e3))
+    one, two = (search(base(flights), tried, cores=cores) for cores in (1, 2))
+    assert one.ranked() == two.ranked()
+    for names, fitted in one.fits.items():
+        assert np.array_equal(fitted.x, two.fits[names].x)
+        assert one.evidence(names) == two.evidence(names)
+
+
 def worn(*effects):
     """Four flights of a pack of half as much resistance again, and a search of what wears packs over them."""
     effects = [EFFECTS["resistance-growth"](growth=0.5), *effects]
