@@ -19,9 +19,9 @@ from bhm_service.discrepancy.fitting import weights
 from bhm_service.discrepancy.lab import FORM, Lab, followed, lab_of
 from bhm_service.discrepancy.noise import SUDDEN, Noise, estimated
 from bhm_service.discrepancy.readings import bridged
+from bhm_service.identification.curve import LOW_SOC
 from bhm_service.identification.experiment import Experiment
 from bhm_service.identification.identify import ModelResult
-from bhm_service.identification.problem import LOW_SOC
 from bhm_service.units import Array, Flags
 
 _FLOOR_V = 3e-4  # [V] of a cell: closer no recording's noise is taken to be known

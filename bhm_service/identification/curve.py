@@ -13,6 +13,7 @@ from bhm_service.units import Array, Value
 
 # Knots of the curve: close where a LiPo cell's curve bends, at its empty end.
 KNOTS = np.concatenate([[0.0, 0.01, 0.02, 0.035, 0.05, 0.07, 0.09], np.arange(0.12, 0.985, 0.03), [1.0]])
+LOW_SOC = 0.10  # below, cells differ by more than a model can follow
 BENDS = np.linspace(0.0, 1.0, 21)  # where a fit may move it
 _TABLE = np.linspace(-0.12, 1.12, 1241)
 _LEAST_RISE_V = 2e-5  # from knot to knot

@@ -15,7 +15,7 @@ from bhm_service.battery.chem import X_N_MAX, Chem, nernst
 from bhm_service.battery.circ import Circ
 from bhm_service.battery.ocv import CubicCapacitance, MonotoneSpline
 from bhm_service.battery.redlich_kister import horner, polynomial
-from bhm_service.identification.curve import BENDS, BentCurve, spline_of, table_of
+from bhm_service.identification.curve import BENDS, LOW_SOC, BentCurve, spline_of, table_of
 from bhm_service.identification.extras import OHM_C, Extras
 from bhm_service.identification.unknowns import Block, Unknowns, numbers, positive
 from bhm_service.units import SECONDS_PER_HOUR, Array
@@ -137,6 +137,13 @@ class CircFamily(Family):
             numbers("v_0", np.array([v_0]), 0.01, 0.08),
             numbers("cubic", found, 0.3, 2.0),
         ]
+
+    def cubic_off_v(self) -> float:
+        """By how much the paper's cubic misses the curve at its best, RMS above `LOW_SOC`. [V]"""
+        soc = np.linspace(LOW_SOC, 1.0, 200)
+        start = {b.name: b.start[None, :] for b in self._cubic_blocks()}
+        off = np.ravel(self._cubic(start["v_0"], start["cubic"]).voltage(soc)) - np.asarray(self.curve.voltage(soc))
+        return float(np.sqrt(np.mean(off**2)))
 
     def cell(self, values: Mapping[str, Array]) -> Circ:
         names = ("r_s", "r_sp0", "r_sp1", "r_sp2", "c_sp")

@@ -12,6 +12,7 @@ from bhm_service.battery.cell import CellModel, Modifiers
 from bhm_service.battery.effects.base import Conditions, Effect
 from bhm_service.battery.pack import PackModel, Simulation
 from bhm_service.identification.closeness import Fitting
+from bhm_service.identification.curve import LOW_SOC
 from bhm_service.identification.experiment import Experiment, Kind
 from bhm_service.identification.families import Family
 from bhm_service.identification.unknowns import Unknowns, joined, numbers
@@ -20,7 +21,7 @@ from bhm_service.units import Array, Flags, Value
 SIGMA_V = 0.004  # [V] what a cell model is first expected to follow; the fit finds out how well it really does
 _SAMPLES_PER_S = 0.1  # independent voltages: neighbouring residuals say the same thing
 _FEWEST, _MOST = 60.0, 400.0
-LOW_SOC, _LOW_WEIGHT = 0.10, 0.2  # near empty cells differ by more than a model can follow
+_LOW_WEIGHT = 0.2  # near empty cells differ by more than a model can follow
 _SLOPE_SPAN = np.linspace(0.0, 1.0, 101)
 _LEAST_SLOPE_V, _SLOPE_SD_V = 0.02, 0.01  # [V per unit of charge] a curve falls by at least this
 _SLOPE_REACH = 0.005  # of charge, to either side, over which a curve's slope is taken

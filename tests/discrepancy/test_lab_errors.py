@@ -13,8 +13,8 @@ from bhm_service.battery.pack import PackModel
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.lab import BEND_SOC, DROP_SOC, FORM, followed, lab_of
 from bhm_service.discrepancy.lab_errors import Followed, lab_errors
+from bhm_service.identification.curve import LOW_SOC
 from bhm_service.identification.experiment import Experiment, Kind
-from bhm_service.identification.problem import LOW_SOC
 
 LAB = lab_of(BATTERY, "circ", None, None).at_worst()
 SIZE = sum(FORM.values())

@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from battery.cells import CAPACITY_C, CURVE, circ
+from battery.cells import CAPACITY_C, CUBIC, CURVE, circ
 from identification.known import NOISE_V, one_c, slow, variable
 
 from bhm_service.battery.effects import DoubleLayer, FullChargeResistance, ResistanceTemperature, SlowDiffusion
+from bhm_service.battery.ocv import MonotoneSpline
 from bhm_service.battery.pack import PackModel
 from bhm_service.identification.choice import choose
 from bhm_service.identification.experiment import Experiment, Kind
@@ -198,6 +199,34 @@ def test_a_lipo_curve_is_no_cubic():
     family, _, remarks = chosen(bench(), any_curve=True)
     assert family.ocv == "spline"
     assert any("open-circuit curve: a spline" in said for said in remarks)
+
+
+def test_a_curve_that_no_cubic_follows_stays_as_it_was_recorded():
+    """Whatever unseen pieces say: a curve bent to make up for a slow drop is off wherever there is no load."""
+    soc = np.linspace(0.0, 1.0, 41)
+    staged = MonotoneSpline(tuple(soc), tuple(3.4 + 0.7 * soc + 0.03 * np.tanh((soc - 0.55) / 0.03)))
+    assert family_around(staged).cubic_off_v() > 0.008
+    family, _, remarks = chosen(of_curve(staged), any_curve=True)
+    assert family.ocv == "spline"
+    assert any("open-circuit curve: a spline; the paper's cubic capacitance misses" in said for said in remarks)
+
+
+def test_a_curve_that_is_a_cubic_may_become_one():
+    assert family_around(CUBIC).cubic_off_v() < 0.001
+    _, _, remarks = chosen(of_curve(CUBIC), any_curve=True)
+    assert any("mV with the cubic" in said for said in remarks)
+
+
+def of_curve(curve):
+    """The three recordings of a cell with another open-circuit curve."""
+    rng, pack = np.random.default_rng(1), PackModel(circ(ocv=curve), 1, 1.0, ())
+    return tuple(make(pack, rng).thinned(300) for make in (slow, one_c, variable))
+
+
+def family_around(curve):
+    soc = np.linspace(0.0, 1.0, 41)
+    known = MonotoneSpline(tuple(soc), tuple(np.asarray(curve.voltage(soc))))
+    return CircFamily(capacity_c=CAPACITY_C, curve=known, curve_sd=0.004)
 
 
 def test_error_on_unseen_pieces_is_the_noise_for_the_right_model():
