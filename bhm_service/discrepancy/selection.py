@@ -6,6 +6,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 from scipy.stats import pearsonr
 
 from bhm_service.battery.effects import EFFECTS, ContactResistance
@@ -24,6 +25,8 @@ LEAST_V = 0.001  # [V] of a cell: what adds less than this to the voltage change
 _STRUCTURAL_V = 0.004  # [V] of a cell: the same for what looks like an error of the model's structure
 _BEYOND = 2.0  # times what the lab leaves open, which bends every curve: less is no other shape
 _PASSING = frozenset({"time-skew"})  # shows at steps only
+_COMING = frozenset({"intermittent-contact"})  # comes and goes within a sample, and stays for a while
+_SWIFT = 31  # samples, some minute: no error of a lab's comes as fast
 _FULL_V = 0.008  # [V] of a cell: a hundredth of its charge, as closely as a full one is known
 _LEAST = {**dict.fromkeys(STRUCTURAL - _PASSING, _STRUCTURAL_V), "partial-charge": _FULL_V}
 MUCH = 0.4  # of the misfit's power: what explains less of it by itself has to earn the more for it
@@ -260,9 +263,12 @@ def _shares(found: Search, names: Names) -> list[float]:
         return (before - after) / max(before - noise_v2, 1e-12)
 
     def of(part: Array, left: Array, own: Names) -> float:
-        # What a skew adds is taken back by the next samples: a slow misfit beside it is not its to explain.
+        # What a skew adds is taken back by the next samples, and a contact shows where it comes and goes: a slow misfit
+        # beside them is not theirs to explain.
         if own <= _PASSING:
             return explained(np.diff(part), np.diff(left), 2.0 * power)
+        if own <= _COMING:
+            return explained(_swift(part), _swift(left), power)
         return explained(part, left, power)
 
     power = found.noise.sigma_v**2
@@ -270,9 +276,15 @@ def _shares(found: Search, names: Names) -> list[float]:
     return [of(whole, misfit, names), *(of(part, misfit - whole + part, frozenset({m.id})) for m, part in each)]
 
 
+def _swift(series: Array) -> Array:
+    """What of a series (T,) is not slow."""
+    return np.asarray(series - uniform_filter1d(series, _SWIFT, mode="nearest"))
+
+
 def _matters(found: Search, names: Names, behind: float = 0.0) -> bool:
     """Whether every member earns its place but for some nats, and moves the voltage by what anybody could care for."""
-    volts = added(found, names)
+    # What comes and goes matters while it is there, however much has been flown without it.
+    volts = {name: _rms(own[own != 0.0] if name in _COMING else own) for name, own in _added_by(found, names).items()}
     series = found.base.lab.series
     told = found.base.lab.form_told
     if any(v < series * _LEAST.get(name, LEAST_V) * share_asked(name, told) for name, v in volts.items()):
@@ -308,8 +320,17 @@ def _separable(found: Search, names: Names) -> bool:
 
 def added(found: Search, names: Names) -> dict[str, float]:
     """RMS of what each member adds to the pack's voltage over all flights. [V]"""
+    return {name: _rms(own) for name, own in _added_by(found, names).items()}
+
+
+def _rms(series: Array) -> float:
+    return float(np.sqrt(np.mean(series**2))) if series.size else 0.0
+
+
+def _added_by(found: Search, names: Names) -> dict[str, Array]:
+    """The same at every sample."""
     members = found.fitted(names).joint.members
-    return {m.id: float(np.sqrt(np.mean(v**2))) for m, v in zip(members, found.added(names), strict=True)}
+    return {m.id: own for m, own in zip(members, found.added(names), strict=True)}
 
 
 def _physical(fitted: Fitted) -> bool:

@@ -1,0 +1,55 @@
+"""A contact that fails for a while is named by how it comes and goes, whatever is off slowly beside it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from discrepancy.flown import SERIES, flown, off_by_its_curve, searching
+
+from bhm_service.battery.effects import EFFECTS
+from bhm_service.discrepancy.search import NATS
+from bhm_service.discrepancy.selection import LEAST_V, added, select
+from bhm_service.discrepancy.steps import contact_candidate, episodes
+
+CONTACT = frozenset({"intermittent-contact"})
+FLIGHTS = 4
+
+
+def failing(ohm, begin=400.0, end=520.0):
+    """Flights of which one has a contact that fails."""
+    bad = EFFECTS["intermittent-contact"](resistance=ohm, begin=begin, end=end)
+    return tuple(flown([bad] if k == 1 else (), number=k) for k in range(FLIGHTS))
+
+
+def looked_for(flights):
+    """A search that has met the episodes of these flights, where there are any; None where not."""
+    found = searching(flights, set())
+    bare = found.fitted(frozenset())
+    steps = episodes(bare)
+    if not steps:
+        return None
+    found.candidates = (contact_candidate(steps, FLIGHTS),)
+    found.fitted(CONTACT, bare)
+    return found
+
+
+def test_a_slow_misfit_beside_a_contact_is_not_its_to_explain():
+    found = looked_for(tuple(off_by_its_curve(failing(0.012), by_v=0.05)))
+    assert select(found).names == CONTACT
+
+
+def test_a_small_contact_matters_while_it_lasts():
+    """However long has been flown without it: over all flights its RMS is below what anybody cares for."""
+    found = looked_for(failing(0.004, end=440.0))
+    assert added(found, CONTACT)["intermittent-contact"] < SERIES * LEAST_V
+    assert select(found).names == CONTACT
+
+
+def test_what_comes_and_goes_slowly_is_no_contact():
+    flights = list(failing(0.0))
+    dip = 0.4 * np.exp(-0.5 * ((flights[1].time_s - 500.0) / 25.0) ** 2)
+    flights[1] = replace(flights[1], voltage_v=flights[1].voltage_v - dip)
+    found = looked_for(tuple(flights))
+    assert found.evidence(CONTACT) > NATS
+    assert select(found).names != CONTACT
