@@ -146,7 +146,7 @@ class Search:
     def added(self, names: Names) -> Array:
         """What each member of a set adds to the pack's voltage over all flights [V]; (members, samples)."""
         if names not in self._added:
-            self._added[names] = _by_members(self.fitted(names))
+            self._added[names] = by_members(self.fitted(names))
         return self._added[names]
 
     def alone(self, names: Names) -> Array:
@@ -159,7 +159,7 @@ class Search:
                 x[at.joint.places[name]] = at.x[at.joint.places[name]]
             # What is slow here, and nothing's to explain but the lab's, would put a skew anywhere.
             moving = [name for name in own if name != SKEW]
-            self._alone[names] = _by_members(fit(replace(at.joint, lean={}), self.noise, x, moving=moving))
+            self._alone[names] = by_members(fit(replace(at.joint, lean={}), self.noise, x, moving=moving))
         return self._alone[names]
 
     def gains(self, names: Names) -> dict[str, float]:
@@ -215,7 +215,7 @@ class Search:
         return {m: self.evidence(names) - self.evidence(names - {m}) for m in names}
 
 
-def _by_members(at: Fitted) -> Array:
+def by_members(at: Fitted) -> Array:
     """What each member adds; what shows only beside another is its own, and not a part of that one as well."""
     parts = np.concatenate([p.members for p in at.joint.all_predicted(at.x[None, :])], axis=1)
     names = [member.id for member in at.joint.members]

@@ -16,7 +16,7 @@ from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.locate import locate
 from bhm_service.discrepancy.onset import first_flight
 from bhm_service.discrepancy.quantities import parameters
-from bhm_service.discrepancy.search import Search
+from bhm_service.discrepancy.search import Search, by_members
 from bhm_service.units import Array
 
 
@@ -35,7 +35,7 @@ def findings_of(
     misfits = [c.flight.voltage_v - c.before_v for c in courses]
     before, after = _rms(misfits), _rms([c.flight.voltage_v - c.after_v for c in courses])
     explained = max(1.0 - (after / max(before, 1e-9)) ** 2, 0.0)
-    power = sum(v**2 for v in chosen.added_v.values()) or 1.0
+    shares = shares_of(fitted, courses)
     beaten = float(np.mean([c.beaten for c in rivals])) if rivals else None
     effects = [
         EffectFound(
@@ -43,7 +43,7 @@ def findings_of(
             parameters=parameters(fits, member.id),
             evidence_nats=float(chosen.earned[member.id]),
             p_familywise=decision.p_values[member.id],
-            share_of_misfit=float(explained * chosen.added_v[member.id] ** 2 / power),
+            share_of_misfit=explained * shares[member.id],
             decoys_beaten=beaten if any("temperature" in kind.drivers for _, kind in member.parts) else None,
         )
         for member in sorted(fitted.joint.members, key=lambda m: -chosen.added_v[m.id])
@@ -81,6 +81,16 @@ def findings_of(
         advice=list(advised),
         battery_file=None,
     )
+
+
+def shares_of(fitted: Fitted, courses: Sequence[Course]) -> dict[str, float]:
+    """Of the power by which the voltage is moved, each member's; the rest is what the lab left open."""
+    if not fitted.joint.members:
+        return {}
+    parts = by_members(fitted)
+    moved = np.concatenate([c.after_v - c.before_v for c in courses])
+    power = np.mean(np.vstack([parts, moved - parts.sum(axis=0)]) ** 2, axis=1)
+    return {m.id: float(own / power.sum()) for m, own in zip(fitted.joint.members, power, strict=False)}
 
 
 def _rms(parts: Sequence[Array]) -> float:

@@ -8,9 +8,11 @@ import numpy as np
 from discrepancy.flown import SERIES, flown, off_by_its_curve, searching
 
 from bhm_service.battery.effects import EFFECTS
+from bhm_service.discrepancy.courses import courses_of
 from bhm_service.discrepancy.search import NATS
 from bhm_service.discrepancy.selection import LEAST_V, added, select
 from bhm_service.discrepancy.steps import contact_candidate, episodes
+from bhm_service.discrepancy.summary import shares_of
 
 CONTACT = frozenset({"intermittent-contact"})
 FLIGHTS = 4
@@ -53,3 +55,14 @@ def test_what_comes_and_goes_slowly_is_no_contact():
     found = looked_for(tuple(flights))
     assert found.evidence(CONTACT) > NATS
     assert select(found).names != CONTACT
+
+
+def test_what_the_lab_left_open_takes_up_is_not_said_to_go_with_the_contact():
+    alone, beside = (looked_for(tuple(f)) for f in (failing(0.012), off_by_its_curve(failing(0.012), by_v=0.05)))
+    share = [
+        shares_of(fitted, courses_of(found.base, fitted))["intermittent-contact"]
+        for found in (alone, beside)
+        for fitted in [found.fitted(CONTACT)]
+    ]
+    assert share[0] > 0.9
+    assert share[1] < 0.2
