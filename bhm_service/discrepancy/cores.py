@@ -11,7 +11,7 @@ import os
 import warnings
 from collections import deque
 from collections.abc import Callable, Sequence
-from multiprocessing import get_context
+from multiprocessing import get_all_start_methods, get_context
 from multiprocessing.connection import Connection, wait
 from typing import TypeVar
 
@@ -29,12 +29,12 @@ def on_cores(tasks: Sequence[Callable[[], ResultT]], cores: int) -> list[ResultT
     What a worker fails at is done here, where its error is seen.
     """
     workers = min(cores, len(tasks))
-    done = _worked(tasks, workers) if workers > 1 else {}
+    done = _worked(tasks, workers) if workers > 1 and "fork" in get_all_start_methods() else {}
     return [done[k] if k in done else task() for k, task in enumerate(tasks)]
 
 
 def _worked(tasks: Sequence[Callable[[], ResultT]], workers: int) -> dict[int, ResultT]:
-    """What the workers did; each gets the next task when it has done one."""
+    """What the workers did, as many as could be had; each gets the next task when it has done one."""
     fork = get_context("fork")
     left = deque(range(len(tasks)))
     done: dict[int, ResultT] = {}
@@ -44,14 +44,19 @@ def _worked(tasks: Sequence[Callable[[], ResultT]], workers: int) -> dict[int, R
         for _ in range(workers):
             here, there = fork.Pipe()
             lines.append(here)
-            processes.append(fork.Process(target=_work, args=(tasks, there, tuple(lines)), daemon=True))
+            process = fork.Process(target=_work, args=(tasks, there, tuple(lines)), daemon=True)
             with warnings.catch_warnings():
                 # Python warns of locks that other threads (a progress bar's) hold while it forks: a worker takes none.
                 warnings.simplefilter("ignore", DeprecationWarning)
-                processes[-1].start()
-            there.close()
+                try:
+                    process.start()
+                except OSError:  # no memory for one more, or no room in a group of processes
+                    break
+                finally:
+                    there.close()
+            processes.append(process)
         at: dict[Connection, int] = {}
-        free = list(lines)
+        free = lines[: len(processes)]
         while free or at:
             for line in free[: len(left)]:
                 at[line] = left.popleft()
@@ -65,8 +70,9 @@ def _worked(tasks: Sequence[Callable[[], ResultT]], workers: int) -> dict[int, R
                     done[k] = line.recv()
                     free.append(line)
     finally:
-        for line, process in zip(lines, processes, strict=False):
+        for line in lines:
             line.close()
+        for process in processes:
             process.kill()
             process.join()
     return done
