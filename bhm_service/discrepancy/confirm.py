@@ -89,7 +89,7 @@ class Unseen:
     def by(self, names: Names) -> list[Array]:
         """With a set of effects. [V]"""
         if names not in self._sets:
-            self.found.fitted(names)
+            self.found.fitted(names)  # before they part: all of them need it
             tasks = [partial(_predicted, self.found, names, k) for k in range(len(self.found.base.flights))]
             self._sets[names] = on_cores(tasks, self.found.cores)
         return self._sets[names]

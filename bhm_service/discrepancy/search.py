@@ -100,8 +100,8 @@ class Search:
     def fit_all(self, starts: Mapping[Names, Fitted]) -> None:
         """Fit sets that do not wait for each other, the likeliest first: what is far from that is fitted loosely."""
         new = [names for names in starts if names not in self.fits]
-        for names in new[:1]:
-            self.fitted(names, starts[names])
+        if new:
+            self.fitted(new[0], starts[new[0]])
         others, aim = new[1:], self._least
         tasks = [partial(self._bare, own, starts[own], aim) for own in others]
         for own, bare in zip(others, on_cores(tasks, self.cores), strict=True):

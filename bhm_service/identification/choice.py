@@ -102,22 +102,22 @@ def choose(
 
     if not (isinstance(family, CircFamily) and any_curve):
         return with_warmth(*with_an_hour(*with_additions(family, "")))
-    # Slow diffusion that is missing passes for a fault of the curve: the cubic begins with what the spline needs.
-    spline = with_additions(family, ", spline")
+    best, error, told = with_additions(family, ", spline")
     off_v = family.cubic_off_v()
     if off_v > _MISSED * premises.curve_sd:
         # What bends the curve away from where it was measured, and does better for it, makes up for a slow drop.
-        said = f"{_CURVE}: {_CURVES[0]}; {_CURVES[1]} misses the recorded one by {1e3 * off_v:.1f} mV at best"
-        best, error, told = spline
-        return with_warmth(*with_an_hour(best, error, {_CURVE: said} | told))
-    cubic = with_additions(replace(family, ocv="cubic", extras=spline[0].extras), ", the paper's cubic")
-    by_spline, by_cubic = spline[1].typical, cubic[1].typical
-    best, error, told = (*cubic[:2], spline[2] | cubic[2]) if by_cubic <= by_spline else spline
-    curve = (
-        f"{_CURVE}: {_CURVES[best is cubic[0]]}; "
-        f"unseen pieces are off by {1e3 * by_spline:.1f} mV with a spline, {1e3 * by_cubic:.1f} mV with the cubic"
-    )
-    return with_warmth(*with_an_hour(best, error, {_CURVE: curve} | told))
+        said = f"{_CURVES[0]}; {_CURVES[1]} misses the recorded one by {1e3 * off_v:.1f} mV at best"
+    else:
+        # Slow diffusion that is missing passes for a fault of the curve: the cubic begins with what the spline needs.
+        cubic, by_it, beside = with_additions(replace(family, ocv="cubic", extras=best.extras), ", the paper's cubic")
+        joins = by_it.typical <= error.typical
+        said = (
+            f"{_CURVES[joins]}; unseen pieces are off by {1e3 * error.typical:.1f} mV with a spline, "
+            f"{1e3 * by_it.typical:.1f} mV with the cubic"
+        )
+        if joins:
+            best, error, told = cubic, by_it, told | beside
+    return with_warmth(*with_an_hour(best, error, {_CURVE: f"{_CURVE}: {said}"} | told))
 
 
 def _judged(what: str, by_it: Unseen, error: Unseen, *, joins: bool) -> str:

@@ -21,7 +21,7 @@ from bhm_service.units import Array, Flags, Value
 SIGMA_V = 0.004  # [V] what a cell model is first expected to follow; the fit finds out how well it really does
 _SAMPLES_PER_S = 0.1  # independent voltages: neighbouring residuals say the same thing
 _FEWEST, _MOST = 60.0, 400.0
-_LOW_WEIGHT = 0.2  # near empty cells differ by more than a model can follow
+_LOW_WEIGHT = 0.2  # of what is below `LOW_SOC`
 _SLOPE_SPAN = np.linspace(0.0, 1.0, 101)
 _LEAST_SLOPE_V, _SLOPE_SD_V = 0.02, 0.01  # [V per unit of charge] a curve falls by at least this
 _SLOPE_REACH = 0.005  # of charge, to either side, over which a curve's slope is taken

@@ -25,13 +25,10 @@ def failing(ohm, begin=400.0, end=520.0):
 
 
 def looked_for(flights):
-    """A search that has met the episodes of these flights, where there are any; None where not."""
+    """A search that has met the episodes of these flights."""
     found = searching(flights, set())
     bare = found.fitted(frozenset())
-    steps = episodes(bare)
-    if not steps:
-        return None
-    found.candidates = (contact_candidate(steps, FLIGHTS),)
+    found.candidates = (contact_candidate(episodes(bare), FLIGHTS),)
     found.fitted(CONTACT, bare)
     return found
 
@@ -58,11 +55,11 @@ def test_what_comes_and_goes_slowly_is_no_contact():
 
 
 def test_what_the_lab_left_open_takes_up_is_not_said_to_go_with_the_contact():
-    alone, beside = (looked_for(tuple(f)) for f in (failing(0.012), off_by_its_curve(failing(0.012), by_v=0.05)))
-    share = [
-        shares_of(fitted, courses_of(found.base, fitted))["intermittent-contact"]
-        for found in (alone, beside)
-        for fitted in [found.fitted(CONTACT)]
-    ]
-    assert share[0] > 0.9
-    assert share[1] < 0.2
+    assert share_of_contact(failing(0.012)) > 0.9
+    assert share_of_contact(off_by_its_curve(failing(0.012), by_v=0.05)) < 0.2
+
+
+def share_of_contact(flights):
+    found = looked_for(tuple(flights))
+    fitted = found.fitted(CONTACT)
+    return shares_of(fitted, courses_of(found.base, fitted))["intermittent-contact"]
