@@ -22,12 +22,14 @@ from bhm_service.discrepancy.valleys import fit_over_valleys
 class Witness:
     """The same flights with the other cell model; ``start_sd`` as in the search that it checks.
 
-    Of what its model has in the battery file already, of the lab's making, the flights are not asked again.
+    Of what its model has in the battery file already, of the lab's making, the flights are not asked again. ``near`` is
+    a search with the same model, from which its fits begin as well.
     """
 
     lab: Lab
     candidates: Sequence[Candidate]
     base: Joint
+    near: Search | None = None
     _bare: Fitted | None = field(default=None)
     _searches: dict[Names, Search] = field(default_factory=dict)
 
@@ -52,7 +54,8 @@ class Witness:
             self._bare = fit(self.base, Noise(0.98, 0.8, self.lab.series * 0.002))
         rough = saturated_noise(self._bare, members)
         joint = replace(self.base, members=members)
-        first = fit_over_valleys(joint, rough, joint.unknowns.start)
+        starts = [joint.unknowns.start, *([] if self.near is None else [self.near.fitted(names).x])]
+        first = min((fit_over_valleys(joint, rough, start) for start in starts), key=lambda found: found.cost)
         noise = saturated_noise(first, ())
         lab = self.lab.widened(lambda name: first.joint.pulled(name, first.x))
         found = Search(replace(self.base, lab=lab), members, noise)
@@ -61,6 +64,6 @@ class Witness:
         return found
 
 
-def witness(lab: Lab, flights: Joint, candidates: Sequence[Candidate]) -> Witness:
+def witness(lab: Lab, flights: Joint, candidates: Sequence[Candidate], near: Search | None = None) -> Witness:
     """A witness on the flights of a search."""
-    return Witness(lab, candidates, Joint(lab, flights.flights, (), flights.start_sd))
+    return Witness(lab, candidates, Joint(lab, flights.flights, (), flights.start_sd), near)

@@ -79,7 +79,8 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
     rng = np.random.default_rng(_SEED)
     second = _witness(request, found, flights)
     unseen = Unseen(found)
-    closer = witness(lab, Joint(lab, tuple(request.flights), (), found.base.start_sd), found.candidates)
+    own_rate = Joint(lab, tuple(request.flights), (), found.base.start_sd)
+    closer = witness(lab, own_rate, found.candidates, near=found)
     if request.told:
         told = _as_told(found, request.told, missing)
         decision = Decision(chosen=told, p_values=familywise(found, told.names, rng))

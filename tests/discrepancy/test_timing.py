@@ -20,18 +20,18 @@ FADE = frozenset({"capacity-fade"})
 SKEW = frozenset({"time-skew"})
 
 
-def told(seconds_late=0.0, relaxing=0.0, faded=0.0):
+def told(seconds_late=0.0, relaxing=0.0, faded=0.0, noise_v=0.0):
     """Flights once a second whose voltage is told so late.
 
     Of the ohmic drop a share relaxes within a second, which no lab at one hertz knows.
     """
-    flights = []
+    flights, rng = [], np.random.default_rng(1)
     for k in range(4):
         data = flown([EFFECTS["capacity-fade"](fade=faded)], seed=7, number=k, samples=990, step_s=1.0, rested=False)
         ohm = relaxing * SERIES * float(BATTERY.cell("circ").ohmic_resistance(Modifiers()))
         slow = ohm * (data.current_a - Follower(np.diff(data.time_s), 1.0)(data.current_a))
         volts = np.interp(data.time_s - seconds_late, data.time_s, data.voltage_v + slow)
-        flights.append(replace(data, voltage_v=volts))
+        flights.append(replace(data, voltage_v=volts + noise_v * rng.standard_normal(volts.size)))
     return flights
 
 
@@ -72,6 +72,21 @@ def test_a_skew_is_told_from_what_relaxes_within_a_second_by_the_logs_own_sample
     tried = catalogue(skewed, only=SKEW)
     assert timed(witness(base(skewed).lab, base(skewed), tried), chosen.names)
     assert not timed(witness(base(relaxing).lab, base(relaxing), tried), chosen.names)
+
+
+def test_what_is_later_than_any_filter_is_not_laid_on_the_lab():
+    """All of an ohmic drop a second late would do for a skew of that much: no cell relaxes so."""
+    flights = told(seconds_late=1.2, noise_v=0.15)
+    assert timed(witness(base(flights).lab, base(flights), catalogue(flights, only=SKEW)), SKEW)
+
+
+def test_the_logs_own_samples_are_fitted_from_where_the_averages_are():
+    """A fit of many samples that begins far from them stops on the way, and leaves the skew nothing to earn."""
+    flights = told(seconds_late=1.3, faded=0.4)
+    found = over_averages(flights, SKEW | FADE)
+    tried = catalogue(flights, only=SKEW | FADE)
+    assert not timed(witness(base(flights).lab, base(flights), tried), SKEW | FADE)
+    assert timed(witness(base(flights).lab, base(flights), tried, near=found), SKEW | FADE)
 
 
 def test_a_skew_that_is_known_to_be_absent_leaves_what_explains_the_larger_part_of_it_without():
