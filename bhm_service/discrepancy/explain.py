@@ -117,7 +117,14 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
         contests=decision.contests,
         not_excited=(*missing, *_not_excited(found, tried, chosen.names)),
         flying=flying(fitted.joint, fitted),
-        sentence=sentence(findings, len(flights), moved_of(fitted), told=bool(request.told), left=described),
+        sentence=sentence(
+            findings,
+            len(flights),
+            moved_of(fitted),
+            tuned_v=None if proof is None else proof.tuned_v,
+            told=bool(request.told),
+            left=described,
+        ),
         in_words=[
             effect_in_words(e.id, values_of(teller(fits, e.id), e.id), lab, flights, courses) for e in findings.effects
         ],

@@ -23,6 +23,8 @@ from bhm_service.discrepancy.sizes import Scene, size, volts, volts_between
 from bhm_service.discrepancy.toll import Toll, tolls
 from bhm_service.units import Value
 
+_ADJUSTED = 0.5  # of the error of the battery as it is: closer only its own numbers bring it
+_MOSTLY = 0.5  # of what an explanation gains: a reader who is not told would lay more than that on its effects
 _LEAST_SHIFT = 0.01
 _LEAST_V = 0.005  # a smaller change of the pack's voltage goes without saying
 _MOST_OF = 0.5  # of the largest change: a flight with as much is named
@@ -62,22 +64,24 @@ def sentence(
     flights: int,
     moved: Mapping[str, float] | None = None,
     *,
+    tuned_v: float | None = None,
     told: bool = False,
     left: str = "",
 ) -> str:
     """The verdict in one sentence; ``moved``: by which shares the lab's own numbers did, see `moved_of`.
 
-    ``told``: the effects were given, not found. ``left``: what the explanation leaves, see `left_in_words`.
+    ``tuned_v``: the error on unseen flights where these alone are adjusted. ``told``: the effects were given, not
+    found. ``left``: what the explanation leaves, see `left_in_words`.
     """
     named = _titles([e.id for e in findings.effects])
-    fit = _fit_clause(findings)
+    fit = _fit_clause(findings, tuned_v)
     verdict = findings.verdict
     if told:
         text = f"Measured as told, not found: {named}{fit}"
     elif verdict == "none":
         text = (
             f"Nothing is missing that these {flights} flights could show: the battery file explains their voltage "
-            f"to {_millivolts(findings.fit.rmse_after_V)}"
+            f"to {_millivolts(findings.fit.rmse_after_V)}{_adjusted_clause(findings, moved or {})}"
         )
     elif verdict == "parameter":
         text = f"No physics is missing, but the pack is not as the battery file says: {named or _shifts(moved or {})}"
@@ -223,14 +227,28 @@ def _shifts(moved: Mapping[str, float]) -> str:
     return " and ".join(told) or "its numbers have moved"
 
 
-def _fit_clause(findings: Findings) -> str:
+def _adjusted_clause(findings: Findings, moved: Mapping[str, float]) -> str:
+    """What a battery that needs no effect needs all the same: its own numbers, within what its lab leaves open."""
+    before, after = findings.fit.rmse_before_V, findings.fit.rmse_after_V
+    if after > _ADJUSTED * before:
+        return ""
+    named = f" ({_shifts(moved)})" if any(abs(share) >= _LEAST_SHIFT for share in moved.values()) else ""
+    return (
+        f" once its numbers are adjusted within what a lab leaves open{named}; as it stands, to {_millivolts(before)}"
+    )
+
+
+def _fit_clause(findings: Findings, tuned_v: float | None = None) -> str:
     fit = findings.fit
     before, after, where = fit.heldout_before_V, fit.heldout_after_V, "on flights that no fit saw"
     if before is None or after is None:
         before, after, where = fit.rmse_before_V, fit.rmse_after_V, "on the flights themselves"
     if after >= 0.995 * before:
         return f"; {where} the voltage error stays what it was, {_millivolts(after)}"
-    return f"; {where} the voltage error falls from {_millivolts(before)} to {_millivolts(after)}"
+    text = f"; {where} the voltage error falls from {_millivolts(before)} to {_millivolts(after)}"
+    if tuned_v is not None and before - tuned_v > _MOSTLY * (before - after):
+        text += f" ({_millivolts(tuned_v)} with the file's own numbers adjusted and no effect)"
+    return text
 
 
 def _millivolts(value: float) -> str:

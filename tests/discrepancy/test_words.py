@@ -211,6 +211,23 @@ def test_a_named_effect_is_said_with_what_it_does_on_flights_that_no_fit_saw():
     )
 
 
+def test_what_the_files_own_numbers_would_do_alone_is_not_laid_on_the_effect():
+    assert "falls from 174 mV to 88 mV (120 mV with the file's own numbers adjusted and no effect)." in sentence(
+        findings(), 6, tuned_v=0.12
+    )
+    assert "adjusted" not in sentence(findings(), 6, tuned_v=0.15)
+
+
+def test_a_battery_that_needs_other_numbers_is_not_said_to_explain_the_flights_as_it_stands():
+    text = sentence(findings("none", ids=()), 6, {"resistance": 0.002, "capacity": -0.041})
+    assert text == (
+        "Nothing is missing that these 6 flights could show: the battery file explains their voltage to 20 mV once its "
+        "numbers are adjusted within what a lab leaves open (its capacity is 4 % lower); as it stands, to 200 mV."
+    )
+    close = Fit(rmse_before_V=0.02, rmse_after_V=0.015, heldout_before_V=0.02, heldout_after_V=0.02, noise_floor_V=0.01)
+    assert sentence(findings("none", ids=(), fit=close), 6).endswith("explains their voltage to 15 mV.")
+
+
 def test_an_explanation_that_does_not_predict_better_says_so():
     same = Fit(rmse_before_V=0.02, rmse_after_V=0.01, heldout_before_V=0.02, heldout_after_V=0.021, noise_floor_V=0.01)
     assert "on flights that no fit saw the voltage error stays what it was, 21 mV" in sentence(findings(fit=same), 6)
