@@ -23,7 +23,7 @@ from bhm_service.discrepancy.sizes import Scene, size, volts, volts_between
 from bhm_service.discrepancy.toll import Toll, tolls
 from bhm_service.units import Value
 
-_ADJUSTED = 0.5  # of the error of the battery as it is: closer only its own numbers bring it
+_ADJUSTED = 0.5  # of the error of the battery as it is: what comes closer does so by adjusted numbers, and says so
 _MOSTLY = 0.5  # of what an explanation gains: a reader who is not told would lay more than that on its effects
 _LEAST_SHIFT = 0.01
 _LEAST_V = 0.005  # a smaller change of the pack's voltage goes without saying
@@ -84,8 +84,8 @@ def sentence(
             f"to {_millivolts(findings.fit.rmse_after_V)}{_adjusted_clause(findings, moved or {})}"
         )
     elif verdict == "parameter":
-        text = f"No physics is missing, but the pack is not as the battery file says: {named or _shifts(moved or {})}"
-        text += fit
+        how = named or _shifts(moved or {}) or "its numbers have moved"
+        text = f"No physics is missing, but the pack is not as the battery file says: {how}{fit}"
     elif verdict == "named":
         text = f"The battery file leaves out physics: {named}{fit}"
     elif verdict == "ambiguous" and not findings.alternatives:
@@ -224,7 +224,7 @@ def _shifts(moved: Mapping[str, float]) -> str:
         for name, share in moved.items()
         if abs(share) >= _LEAST_SHIFT
     ]
-    return " and ".join(told) or "its numbers have moved"
+    return " and ".join(told)
 
 
 def _adjusted_clause(findings: Findings, moved: Mapping[str, float]) -> str:
@@ -232,9 +232,10 @@ def _adjusted_clause(findings: Findings, moved: Mapping[str, float]) -> str:
     before, after = findings.fit.rmse_before_V, findings.fit.rmse_after_V
     if after > _ADJUSTED * before:
         return ""
-    named = f" ({_shifts(moved)})" if any(abs(share) >= _LEAST_SHIFT for share in moved.values()) else ""
+    shifts = _shifts(moved)
+    which = f" ({shifts})" if shifts else ""
     return (
-        f" once its numbers are adjusted within what a lab leaves open{named}; as it stands, to {_millivolts(before)}"
+        f" once its numbers are adjusted within what a lab leaves open{which}; as it stands, to {_millivolts(before)}"
     )
 
 
