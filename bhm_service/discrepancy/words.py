@@ -244,11 +244,14 @@ def _fit_clause(findings: Findings, tuned_v: float | None = None) -> str:
     before, after, where = fit.heldout_before_V, fit.heldout_after_V, "on flights that no fit saw"
     if before is None or after is None:
         before, after, where = fit.rmse_before_V, fit.rmse_after_V, "on the flights themselves"
+    alone = "with the file's own numbers adjusted and no effect"
     if after >= 0.995 * before:
+        if tuned_v is not None and tuned_v < _ADJUSTED * before:
+            return f"; {where} the voltage error falls from {_millivolts(before)} to {_millivolts(tuned_v)} {alone}"
         return f"; {where} the voltage error stays what it was, {_millivolts(after)}"
     text = f"; {where} the voltage error falls from {_millivolts(before)} to {_millivolts(after)}"
     if tuned_v is not None and before - tuned_v > _MOSTLY * (before - after):
-        text += f" ({_millivolts(tuned_v)} with the file's own numbers adjusted and no effect)"
+        text += f" ({_millivolts(tuned_v)} {alone})"
     return text
 
 

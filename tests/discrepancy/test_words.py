@@ -233,6 +233,16 @@ def test_an_explanation_that_does_not_predict_better_says_so():
     assert "on flights that no fit saw the voltage error stays what it was, 21 mV" in sentence(findings(fit=same), 6)
 
 
+@pytest.mark.parametrize("verdict", ["parameter", "unknown"])
+def test_where_no_effect_is_found_what_the_files_own_numbers_do_is_told(verdict):
+    same = Fit(rmse_before_V=0.1, rmse_after_V=0.1, heldout_before_V=0.109, heldout_after_V=0.109, noise_floor_V=0.01)
+    found = findings(verdict, ids=(), fit=same)
+    moved = "the voltage error falls from 109 mV to 14 mV with the file's own numbers adjusted and no effect"
+    assert f"on flights that no fit saw {moved}" in sentence(found, 6, tuned_v=0.014)
+    assert "stays what it was, 109 mV" in sentence(found, 6, tuned_v=0.1)
+    assert "stays what it was, 109 mV" in sentence(found, 6)
+
+
 def test_with_too_few_flights_the_sentence_does_not_speak_of_held_out_ones():
     few = Fit(rmse_before_V=0.2, rmse_after_V=0.02, heldout_before_V=None, heldout_after_V=None, noise_floor_V=0.01)
     text = sentence(findings(fit=few), 2)
