@@ -6,9 +6,10 @@ from itertools import pairwise, product
 
 import numpy as np
 import pytest
-from discrepancy.flown import four, searching
+from discrepancy.flown import flown, four, searching
 from scipy.stats import multivariate_normal
 
+from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.exactness import EXACT, exactness
 
 
@@ -60,3 +61,14 @@ def test_a_right_equation_gains_by_it_and_a_mimic_that_lives_by_its_form_does_no
         at = found.fitted(frozenset({name}))
         as_usual = -0.5 * at.cost - 0.5 * np.linalg.slogdet(np.linalg.solve(at.joint.known, at.curvature))[1]
         assert at.evidence(1.0) == pytest.approx(as_usual + gain(name).nats(1.0))
+
+
+def test_an_offset_of_a_voltage_sensor_does_not_bend_until_it_is_a_load_past_the_current_sensor():
+    """It is the same at any load and at once: what an equation of a cell may be off by under a load it may not."""
+    flights = [flown([EFFECTS["unseen-load"](current=1.5)], number=k) for k in range(4)]
+    found = searching(flights, ("unseen-load", "voltage-offset"))
+    sets = [frozenset(names) for names in ((), ("unseen-load",), ("voltage-offset",))]
+    for names in sets:
+        found.fitted(names)
+    _, right, mimic = (found.evidence(names) for names in sets)
+    assert right - mimic > 60.0
