@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from bhm_service.battery.effects import EFFECTS
 from bhm_service.battery.effects.resistance_temperature import ResistanceTemperature
 from bhm_service.battery.effects.time_skew import TimeSkew
-from bhm_service.battery.effects.voltage_sensor import VoltageGain, VoltageOffset
 from bhm_service.discrepancy.abreast import Abreast
 from bhm_service.discrepancy.lab import hats
 from bhm_service.identification.unknowns import Block, numbers
@@ -20,8 +20,8 @@ _FLIGHT_SD, _SOC_SD, _LOAD_SD, _LAG_SD = 0.08, 0.12, 0.3, 0.2
 _NO_LAG_SD = 1e-4  # of a skew: to change how fast that follows the load is to take it back
 # What a voltage sensor makes of a reading is no matter of a cell's physics: under another load, or after a step of it,
 # it is what its equation says. An offset that goes with the load is a resistance, or a load that no sensor sees.
-_ARITHMETIC = frozenset({VoltageOffset.id, VoltageGain.id})
-_EXACT = 0.1  # times what an equation of a cell may be off by
+_READ = frozenset({"measured_voltage"})
+_READ_SHARE = 0.1  # of what an equation of a cell may be off by
 _SOC = np.array([0.15, 0.4, 0.65, 0.95])
 # Diffusion slows in the cold, so charge at the surface of particles lags more behind that within, and each step of the
 # open-circuit curve comes earlier: no resistance does that, and steps are a twentieth of the charge wide.
@@ -59,7 +59,7 @@ def blocks(member: str, flights: int, told: bool, inferred: bool) -> list[Block]
     """Those blocks; ``inferred`` where nobody recorded what drives the member."""
     # So free at charges so close it would say of a temperature that nobody recorded what suits it.
     soc_sd = _SOC_SD * (_INFERRED if told and inferred else 1.0)
-    share = _EXACT if member in _ARITHMETIC else 1.0
+    share = _READ_SHARE if EFFECTS[member].own_hooks == _READ else 1.0
     load_sd, lag_sd = share * _LOAD_SD, _NO_LAG_SD if member == TimeSkew.id else share * _LAG_SD
     sizes = ((flights, _FLIGHT_SD), (knots(member, told).size, soc_sd), (1, load_sd), (len(_LAG_S), lag_sd))
     named = zip(names_of(member), sizes, strict=True)
