@@ -38,9 +38,15 @@ DROP_S = (0.0, 2.0, 8.0, 30.0, 120.0, 480.0)  # at once, then each relaxation a 
 _DROP_TIMES = 4.0  # about: that factor
 _HOVER_C = 2.0  # [1/h] load at which what a model is off by is weighed against its voltage error
 
+# Charges at which a pack may lag by its own share: diffusion in a particle goes by how full it is, tenfold in graphite,
+# and steps of a curve are a twentieth of the charge wide.
+LAG_SOC = np.linspace(0.05, 1.0, 20)
+_LAG_AT_S = 30.0  # after which it does: in a minute or two of hover no other time looks different
+
 # What a model's form is off by, number by number, in the order in which `Lab.added` has them.
 FORM: Final = {
-    "bends": BEND_SOC.size, **{f"drop_{tau:.0f}": DROP_SOC.size for tau in DROP_S}, "lag": len(DROP_S), "curve": 2
+    "bends": BEND_SOC.size, **{f"drop_{tau:.0f}": DROP_SOC.size for tau in DROP_S}, "lag": len(DROP_S),
+    "lag_at": LAG_SOC.size, "curve": 2,
 }  # fmt: skip
 
 _LEAST_SD = {"resistance": 0.03, "polarisation": 0.15, "capacity": 0.01}  # of the logarithm: what a lab repeats to
@@ -93,6 +99,7 @@ class Lab:
     identified: bool  # this very pack, on a bench; not a cell like its own, nor from flights that left its scales open
     drop_sd: float  # of ``ohm``: how far the drop may be off at any charge and any time after a step
     lag_sd: float  # of charge at the hover: how far it may lag at any time after a step; zero: a part of the drop
+    lag_at_sd: float  # likewise at any charge; zero: at all of them alike
     widening: Mapping[float, float] = field(default_factory=dict)  # times that, by relaxation
     left_open: LeftOpen | None = None  # the errors of form that the lab's own recordings show
 
@@ -102,12 +109,17 @@ class Lab:
         return self.left_open is not None
 
     @cached_property
+    def form_sizes(self) -> dict[str, int]:
+        """Those of `FORM` that it has; of a lab that told nothing of its form a lag is a part of its drops."""
+        if self.left_open is not None:
+            return {name: len(own) for name, own in self.left_open.mean.items()}
+        sds = {"lag": self.lag_sd, "lag_at": self.lag_at_sd}
+        return {name: size for name, size in FORM.items() if sds.get(name, 1.0) > 0.0}
+
+    @cached_property
     def _form_places(self) -> dict[str, slice]:
-        """Where each of `FORM` is; of a lab that told nothing of its form a lag is a part of its drops."""
-        lags = self.form_told or self.lag_sd > 0.0
-        sizes = {name: size for name, size in FORM.items() if lags or name != "lag"}
-        ends = accumulate(sizes.values())
-        return {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+        ends = accumulate(self.form_sizes.values())
+        return {name: slice(end - size, end) for (name, size), end in zip(self.form_sizes.items(), ends, strict=True)}
 
     @property
     def capacity_c(self) -> float:
@@ -139,10 +151,14 @@ class Lab:
             return float(np.clip(np.sqrt(np.mean(pulls(name) ** 2)), 1.0, _MOST_WIDER))
 
         found = {tau: wider(f"lab_drop_{tau:.0f}") * self.widening.get(tau, 1.0) for tau in DROP_S}
-        bends, lag = wider("lab_bends") * self.bend_sd_v, self.lag_sd
-        if "lag" in self._form_places:
-            lag *= wider("lab_lag")
-        return replace(self, bend_sd_v=bends, lag_sd=lag, widening=found)
+        lag, lag_at = (wider(f"lab_{name}") if name in self.form_sizes else 1.0 for name in ("lag", "lag_at"))
+        return replace(
+            self,
+            bend_sd_v=wider("lab_bends") * self.bend_sd_v,
+            lag_sd=lag * self.lag_sd,
+            lag_at_sd=lag_at * self.lag_at_sd,
+            widening=found,
+        )
 
     @property
     def drop_sds(self) -> dict[float, float]:
@@ -154,7 +170,7 @@ class Lab:
     def form(self) -> tuple[Array, Array]:
         """Mean and covariance of the errors of form, in the order of `FORM`."""
         drops = np.repeat(list(self.drop_sds.values()), DROP_SOC.size)
-        lags = np.full(FORM["lag"] if "lag" in self._form_places else 0, self.lag_sd)
+        lags = np.repeat([self.lag_sd, self.lag_at_sd], [self.form_sizes.get(name, 0) for name in ("lag", "lag_at")])
         curve = np.full(FORM["curve"], 2.0 * self.drop_sd)
         sds = np.concatenate([np.full(BEND_SOC.size, self.bend_sd_v), drops, lags, curve])
         if self.left_open is None:
@@ -166,9 +182,12 @@ class Lab:
         mean = np.concatenate([np.asarray(values) for values in self.left_open.mean.values()])
         return mean, np.asarray(self.left_open.covariance + alike * np.outer(sds, sds))
 
-    def at_worst(self) -> Lab:
-        """The same with as little known of its errors of form as labs leave open at worst."""
-        return replace(self, bend_sd_v=_BEND_SD[1], drop_sd=_DROP_SD[1], lag_sd=_LAG_SD, left_open=None)
+    def at_worst(self, by_charge: bool) -> Lab:
+        """The same with as little known of its form as labs leave open at worst, ``by_charge`` of a lag at each too."""
+        lag_at_sd = _LAG_SD if by_charge else 0.0
+        return replace(
+            self, bend_sd_v=_BEND_SD[1], drop_sd=_DROP_SD[1], lag_sd=_LAG_SD, lag_at_sd=lag_at_sd, left_open=None
+        )
 
     @property
     def bend_sds_v(self) -> Array:
@@ -235,7 +254,10 @@ class Lab:
         """
         cell, late, once = self._loads(followed, current, grown)
         drops = (-self.ohm * late[:-1, None] * hats(DROP_SOC, soc)).reshape(-1, *soc.shape)
-        lags = [-self._fall_v(soc) * late[:-1] / self._hover_a] if "lag" in self._form_places else []
+        behind = -self._fall_v(soc) * late[:-1] / self._hover_a
+        lags = [behind] if "lag" in self._form_places else []
+        if "lag_at" in self._form_places:
+            lags.append(behind[DROP_S.index(_LAG_AT_S)] * hats(LAG_SOC, soc))
         bent = -self.ohm * once * self._bending(cell)
         charge = np.clip(soc, 0.0, 1.0)
         skewed = -self.ohm * self.ohmic_share * (once * cell - late[-1]) / _SKEW_S
@@ -246,16 +268,21 @@ class Lab:
     def beside(self, sizes: Array, followed: Array, current: Array, soc: Array, grown: Array | None = None) -> Array:
         """What numbers of `additions` add together (.., T), as `added` has it for one of each. [V]"""
         cell, late, once = self._loads(followed, current, grown)
-        lag, curve = self._form_places[f"drop_{DROP_S[-1]:.0f}"].stop, self._form_places["curve"].start
-        drops, lags = sizes[BEND_SOC.size : lag].reshape(-1, DROP_SOC.size), sizes[lag:curve]
-        low, high, skew, *meter = sizes[curve:]
+        places = self._form_places
+        drops = sizes[BEND_SOC.size : places[f"drop_{DROP_S[-1]:.0f}"].stop].reshape(-1, DROP_SOC.size)
+        low, high, skew, *meter = sizes[places["curve"].start :]
         charge = np.clip(soc, 0.0, 1.0)
         amps = once * self._bending(cell) * (low + (high - low) * charge)
         amps += (skew * self.ohmic_share / _SKEW_S) * (once * cell - late[-1])
         for hat, shares in zip(hats(DROP_SOC, soc), drops.T, strict=True):
             amps += hat * np.tensordot(shares, late[:-1], axes=1)
         bend = np.interp(soc, BEND_SOC, sizes[: BEND_SOC.size])
-        behind = self._fall_v(soc) * np.tensordot(lags, late[:-1], axes=1) / self._hover_a if lags.size else 0.0
+        lags = np.zeros(soc.shape)
+        if "lag" in places:
+            lags += np.tensordot(sizes[places["lag"]], late[:-1], axes=1)
+        if "lag_at" in places:
+            lags += np.interp(soc, LAG_SOC, sizes[places["lag_at"]]) * late[DROP_S.index(_LAG_AT_S)]
+        behind = self._fall_v(soc) * lags / self._hover_a if lags.any() else 0.0
         return np.asarray(self.series * (bend + sum(meter) - self.ohm * amps - behind))
 
     def _loads(self, followed: Array, current: Array, grown: Array | None) -> tuple[Array, Array, Array]:
@@ -337,7 +364,9 @@ def lab_of(battery: BatteryFile, model: ModelName, series: int | None, capacity_
     said = battery.uncertainty
     identified = battery.series is not None and battery.bench
     left_open = battery.left_open.get(model) if identified else None
-    if left_open is not None and [(name, len(own)) for name, own in left_open.mean.items()] != list(FORM.items()):
+    by_charge = left_open is not None and "lag_at" in left_open.mean
+    sizes = [(name, size) for name, size in FORM.items() if by_charge or name != "lag_at"]
+    if left_open is not None and [(name, len(own)) for name, own in left_open.mean.items()] != sizes:
         raise BadInputError(
             battery.name, f"left_open.{model} is of another version of bhm", "identify the pack again, or take it out"
         )
@@ -350,6 +379,7 @@ def lab_of(battery: BatteryFile, model: ModelName, series: int | None, capacity_
     def spread(kind: str, wide: float) -> float:
         return _LEAST_SD[kind] if identified else max(wide, _LEAST_SD[kind])
 
+    lag_sd = 0.0 if left_open is None else _APART * said.voltage_error_v / _CURVE_V / np.sqrt(len(DROP_S))
     return Lab(
         model=model,
         cell=cell,
@@ -365,7 +395,8 @@ def lab_of(battery: BatteryFile, model: ModelName, series: int | None, capacity_
         capacity_sd=spread("capacity", said.capacity),
         bend_sd_v=float(np.clip(_APART * said.voltage_error_v, *_BEND_SD)) if identified else said.voltage_error_v,
         drop_sd=float(np.clip(by_error, *_DROP_SD)) if left_open is None else _APART * by_error,
-        lag_sd=0.0 if left_open is None else _APART * said.voltage_error_v / _CURVE_V / np.sqrt(len(DROP_S)),
+        lag_sd=lag_sd,
+        lag_at_sd=lag_sd if by_charge else 0.0,
         left_open=left_open,
     )
 

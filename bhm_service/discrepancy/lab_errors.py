@@ -16,8 +16,8 @@ from bhm_service.battery.battery_file import BatteryFile
 from bhm_service.battery.left_open import LeftOpen, left_open
 from bhm_service.discrepancy.abreast import sudden
 from bhm_service.discrepancy.fitting import weights
-from bhm_service.discrepancy.lab import FORM, Lab, followed, lab_of
-from bhm_service.discrepancy.noise import SUDDEN, Noise, estimated
+from bhm_service.discrepancy.lab import Lab, followed, lab_of
+from bhm_service.discrepancy.noise import MOST_PHI, SUDDEN, Noise, estimated
 from bhm_service.discrepancy.readings import bridged
 from bhm_service.identification.curve import LOW_SOC
 from bhm_service.identification.experiment import Experiment
@@ -26,6 +26,7 @@ from bhm_service.units import Array, Flags
 
 _FLOOR_V = 3e-4  # [V] of a cell: closer no recording's noise is taken to be known
 _DOUBT = 8.0  # times a variance: what a model leaves lasts longer than any colour that its noise is given
+_METERS_PHI = 0.9  # of ten samples: ten seconds at one hertz
 _START_SD = 0.002  # of the charge that a recording begins with
 _STEP = 1e-4  # of charge, over which a curve's slope is taken
 _ROUNDS = 3  # in which noise and numbers tell each other
@@ -52,29 +53,70 @@ def with_lab_errors(battery: BatteryFile, results: Sequence[ModelResult]) -> Bat
 
 
 def lab_errors(lab: Lab, runs: Sequence[Followed]) -> LeftOpen:
-    """The errors of form that recordings show, nothing being known of them before but what labs leave open at worst."""
-    lab = lab.at_worst()
-    mean, covariance = lab.form
-    recordings = _recordings(lab, runs, mean.size)
-    # After the form come the charges that the recordings begin with.
-    before = np.eye(mean.size + len(runs))
-    before[: mean.size, : mean.size] = np.linalg.inv(covariance)
-    expected = np.zeros(len(before))
-    expected[: mean.size] = mean
-    noise, x, curvature = Noise(0.98, 0.8, lab.series * 0.002), expected, before
-    for _ in range(_ROUNDS if recordings else 0):
-        doubted = replace(noise, doubt=_DOUBT, sudden=SUDDEN)
-        curvature, score = before.copy(), before @ expected
-        for recording in recordings:
-            off, slopes = recording.whitened(x, doubted)
-            weighted = slopes * weights(off)
-            curvature += weighted @ slopes.T
-            score += weighted @ (off + x @ slopes)
-        x = np.asarray(np.linalg.solve(curvature, score))
-        noise = estimated([r.left(x)[r.known] for r in recordings], lab.series * _FLOOR_V)
-    found = np.split(x[: mean.size], np.cumsum(list(FORM.values()))[:-1])
-    open_ = np.asarray(np.linalg.inv(curvature))[: mean.size, : mean.size]
-    return left_open(dict(zip(FORM, found, strict=True)), open_)
+    """The errors of form that recordings show, nothing being known of them before but what labs leave open at worst.
+
+    The lag has a share of its own at each charge where that makes the recordings the likelier.
+    """
+    alike, by_charge = (_Shown.by(lab.at_worst(by_charge=own), runs) for own in (False, True))
+    # What lasts longer is no meter's noise: there the model is off, and the question is by which numbers.
+    shown = by_charge if by_charge.told(_METERS_PHI).nats > alike.told(_METERS_PHI).nats else alike
+    told = shown.told()
+    ends = np.cumsum(list(shown.lab.form_sizes.values()))
+    found = np.split(told.x[: ends[-1]], ends[:-1])
+    open_ = np.asarray(np.linalg.inv(told.curvature))[: ends[-1], : ends[-1]]
+    return left_open(dict(zip(shown.lab.form_sizes, found, strict=True)), open_)
+
+
+@dataclass(frozen=True, slots=True)
+class _Told:
+    """The likeliest numbers, and how well recordings tell them."""
+
+    x: Array  # (n,)
+    curvature: Array  # (n, n)
+    nats: float  # log of how likely the recordings are, whatever the numbers, but for what is the same of all forms
+
+
+@dataclass(frozen=True, slots=True)
+class _Shown:
+    """Recordings under a form: its numbers, then the charges that the recordings begin with."""
+
+    lab: Lab
+    recordings: list[_Recording]
+    expected: Array  # (n,)
+    before: Array  # (n, n), curvature of what was known
+
+    @classmethod
+    def by(cls, lab: Lab, runs: Sequence[Followed]) -> _Shown:
+        """The recordings that show anything, under the form of ``lab``."""
+        mean, covariance = lab.form
+        before = np.eye(mean.size + len(runs))
+        before[: mean.size, : mean.size] = np.linalg.inv(covariance)
+        expected = np.zeros(len(before))
+        expected[: mean.size] = mean
+        return cls(lab, _recordings(lab, runs, mean.size), expected, before)
+
+    def told(self, most_phi: float = MOST_PHI) -> _Told:
+        """What they tell, where their noise is coloured by ``most_phi`` at most."""
+        noise, x, curvature, nats = Noise(0.98, 0.8, self.lab.series * 0.002), self.expected, self.before, 0.0
+        for _ in range(_ROUNDS if self.recordings else 0):
+            doubted = replace(noise, doubt=_DOUBT, sudden=SUDDEN)
+            curvature, score, nats = self.before.copy(), np.zeros(x.size), 0.0
+            for recording in self.recordings:
+                off, slopes = recording.whitened(x, doubted)
+                counted = weights(off)
+                off = off + (x - self.expected) @ slopes
+                curvature += (slopes * counted) @ slopes.T
+                score += (slopes * counted) @ off
+                nats -= 0.5 * float(counted @ off**2) + recording.log_scale(noise) / _DOUBT
+            moved = np.asarray(np.linalg.solve(curvature, score))
+            nats += 0.5 * float(score @ moved) - 0.5 * float(_log_det(curvature) - _log_det(self.before))
+            x = self.expected + moved
+            noise = estimated([r.left(x)[r.known] for r in self.recordings], self.lab.series * _FLOOR_V, most_phi)
+        return _Told(x, curvature, nats)
+
+
+def _log_det(matrix: Array) -> float:
+    return float(np.linalg.slogdet(matrix)[1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +136,11 @@ class _Recording:
         """That in standard deviations of the noise, and the shapes likewise, where it is looked at."""
         white = noise.whitened(np.vstack([self.left(x), self.shapes]), noise.beside(self.sudden_v))[:, self.known]
         return white[0], white[1:]
+
+    def log_scale(self, noise: Noise) -> float:
+        """Sum over samples of the log of the volts that an innovation of one stands for, of noise not doubted."""
+        sudden = replace(noise, sudden=SUDDEN).beside(self.sudden_v)
+        return float(np.sum(np.log(noise.sigma_v * sudden)[self.known]))
 
 
 def _recordings(lab: Lab, runs: Sequence[Followed], form: int) -> list[_Recording]:

@@ -20,6 +20,7 @@ from bhm_service.units import Array
 SUDDEN = 0.2  # of the ohmic drop of a sudden change: what relaxes within a sample no lab at one hertz tells
 # What a model gets wrong it gets wrong alike in all flights of a kind: they are not independent witnesses of it.
 WITNESSES, MOST_DOUBT = 1.0 / 3.0, 3.0
+MOST_PHI = 0.998  # of noise: what lasts longer than minutes is none
 _CLIP = 4.0  # standard deviations beyond which an innovation counts no more
 _RARELY = 0.01
 
@@ -93,11 +94,14 @@ class Noise:
         return white
 
 
-def estimated(residuals: Sequence[Array], floor_v: float) -> Noise:
-    """The noise of several recordings' residuals, by the likelihood of clipped innovations; ``floor_v`` at least."""
+def estimated(residuals: Sequence[Array], floor_v: float, most_phi: float = MOST_PHI) -> Noise:
+    """The noise of several recordings' residuals, by the likelihood of clipped innovations; ``floor_v`` at least.
+
+    It is coloured by ``most_phi`` at most.
+    """
 
     def innovations(numbers: Array) -> Array:
-        phi, theta = _bounded(numbers)
+        phi, theta = _bounded(numbers, most_phi)
         model = Noise(phi, theta, 1.0)
         return np.concatenate([model.whitened(r) for r in residuals])
 
@@ -114,13 +118,13 @@ def estimated(residuals: Sequence[Array], floor_v: float) -> Noise:
         ),
         key=lambda found: float(found.fun),
     )
-    phi, theta = _bounded(best.x)
+    phi, theta = _bounded(best.x, most_phi)
     return Noise(phi, theta, max(_scale(innovations(best.x)), floor_v))
 
 
-def _bounded(numbers: Array) -> tuple[float, float]:
-    """Phi in (0, 0.998), theta below it: only then is the process a sum of white and coloured noise."""
-    phi = 0.998 / (1.0 + np.exp(-numbers[0]))
+def _bounded(numbers: Array, most_phi: float) -> tuple[float, float]:
+    """Phi below ``most_phi``, theta below it: only then is the process a sum of white and coloured noise."""
+    phi = most_phi / (1.0 + np.exp(-numbers[0]))
     theta = phi / (1.0 + np.exp(-numbers[1]))
     return float(phi), float(theta)
 

@@ -25,10 +25,10 @@ def joint():
     return base([FLIGHT])
 
 
-@pytest.mark.parametrize("block", ["lab_bends", "lab_drop_0", "lab_drop_30", "lab_lag", "lab_curve"])
+@pytest.mark.parametrize("block", ["lab_bends", "lab_drop_0", "lab_drop_30", "lab_lag", "lab_lag_at", "lab_curve"])
 def test_what_an_addition_adds_is_what_the_prediction_changes_by(joint, block):
     """Twice the number is twice the change, and it is the row that `added` gives."""
-    joint = replace(joint, lab=told_its_form(joint.lab)) if block == "lab_lag" else joint
+    joint = replace(joint, lab=told_its_form(joint.lab, block == "lab_lag_at")) if "lab_lag" in block else joint
     x = joint.unknowns.start
     where = np.arange(joint.places[block].start, joint.places[block].stop)
     knot = where[round(0.8 * (where.size - 1))]
