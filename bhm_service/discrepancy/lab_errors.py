@@ -27,6 +27,7 @@ from bhm_service.units import Array, Flags
 _FLOOR_V = 3e-4  # [V] of a cell: closer no recording's noise is taken to be known
 _DOUBT = 8.0  # times a variance: what a model leaves lasts longer than any colour that its noise is given
 _METERS_PHI = 0.9  # of ten samples: ten seconds at one hertz
+_LOADS_APART = 2.0  # times, from where on a lag is no error of the curve
 _START_SD = 0.002  # of the charge that a recording begins with
 _STEP = 1e-4  # of charge, over which a curve's slope is taken
 _ROUNDS = 3  # in which noise and numbers tell each other
@@ -55,11 +56,15 @@ def with_lab_errors(battery: BatteryFile, results: Sequence[ModelResult]) -> Bat
 def lab_errors(lab: Lab, runs: Sequence[Followed]) -> LeftOpen:
     """The errors of form that recordings show, nothing being known of them before but what labs leave open at worst.
 
-    The lag has a share of its own at each charge where that makes the recordings the likelier.
+    The lag has a share of its own at each charge where that makes the recordings the likelier, and where they are of
+    loads so far apart that it is told from an error of the curve.
     """
-    alike, by_charge = (_Shown.by(lab.at_worst(by_charge=own), runs) for own in (False, True))
-    # What lasts longer is no meter's noise: there the model is off, and the question is by which numbers.
-    shown = by_charge if by_charge.told(_METERS_PHI).nats > alike.told(_METERS_PHI).nats else alike
+    shown = _Shown.by(lab.at_worst(by_charge=False), runs)
+    if shown.loads_apart > _LOADS_APART:
+        by_charge = _Shown.by(lab.at_worst(by_charge=True), runs)
+        # What lasts longer is no meter's noise: there the model is off, and the question is by which numbers.
+        if by_charge.told(_METERS_PHI).nats > shown.told(_METERS_PHI).nats:
+            shown = by_charge
     told = shown.told()
     ends = np.cumsum(list(shown.lab.form_sizes.values()))
     found = np.split(told.x[: ends[-1]], ends[:-1])
@@ -84,6 +89,12 @@ class _Shown:
     recordings: list[_Recording]
     expected: Array  # (n,)
     before: Array  # (n, n), curvature of what was known
+
+    @property
+    def loads_apart(self) -> float:
+        """How many times the load of the gentlest recording the hardest is of."""
+        loads = [r.load_a for r in self.recordings]
+        return max(loads) / min(loads) if loads else 1.0
 
     @classmethod
     def by(cls, lab: Lab, runs: Sequence[Followed]) -> _Shown:
@@ -127,6 +138,7 @@ class _Recording:
     shapes: Array  # (numbers, T)
     known: Flags  # samples that are looked at
     sudden_v: Array  # (T,)
+    load_a: float  # [A] as charge goes out, by the charge
 
     def left(self, x: Array) -> Array:
         """What numbers (n,) leave."""
@@ -155,8 +167,17 @@ def _recordings(lab: Lab, runs: Sequence[Followed], form: int) -> list[_Recordin
         shapes[form + k] = lab.series * _START_SD * _slope(lab, run.soc)
         misfit = bridged(lab.series * run.misfit_v, known)
         # Of the whole drop: what a double layer has within a second comes at once to a recording of one hertz.
-        found.append(_Recording(misfit, shapes, known, lab.ohm * lab.series * sudden(current_a)))
+        found.append(
+            _Recording(misfit, shapes, known, lab.ohm * lab.series * sudden(current_a), _load_a(run.experiment))
+        )
     return found
+
+
+def _load_a(experiment: Experiment) -> float:
+    """The mean over the charge that goes out: rests count for nothing. [A]"""
+    out = np.clip(experiment.current_a[1:], 0.0, None)
+    charge = out * np.diff(experiment.time_s)
+    return float(charge @ out / max(float(charge.sum()), 1e-300))
 
 
 def _slope(lab: Lab, soc: Array) -> Array:

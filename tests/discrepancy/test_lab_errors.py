@@ -111,6 +111,13 @@ def test_a_lag_that_goes_by_charge_is_told_by_charge():
     assert left_of_a_lag(lab, numbers, lagging(30, Kind.VARIABLE, at, noise_share=0.3)) < 0.2
 
 
+def test_recordings_of_one_load_do_not_tell_a_lag_by_charge_from_the_curve():
+    seen = [
+        lagging(seed, Kind.VARIABLE, lambda soc: 0.04 * np.sin(4.0 * np.pi * soc) ** 2, 0.3)[0] for seed in (21, 22)
+    ]
+    assert "lag_at" not in lab_errors(LAB, seen).mean
+
+
 LAGGING = ((21, Kind.VARIABLE), (22, Kind.VARIABLE), (23, Kind.SLOW))
 
 
