@@ -393,12 +393,21 @@ def lab_of(battery: BatteryFile, model: ModelName, series: int | None, capacity_
         resistance_sd=spread("resistance", said.resistance),
         polarisation_sd=spread("polarisation", said.polarisation) if left_open is None else _TOLD_POLARISATION_SD,
         capacity_sd=spread("capacity", said.capacity),
-        bend_sd_v=float(np.clip(_APART * said.voltage_error_v, *_BEND_SD)) if identified else said.voltage_error_v,
+        bend_sd_v=_bend_sd_v(said.voltage_error_v, identified, left_open is not None),
         drop_sd=float(np.clip(by_error, *_DROP_SD)) if left_open is None else _APART * by_error,
         lag_sd=lag_sd,
         lag_at_sd=lag_sd if by_charge else 0.0,
         left_open=left_open,
     )
+
+
+def _bend_sd_v(error_v: float, identified: bool, form_told: bool) -> float:
+    """By how much a cell's open-circuit curve may be off, in flight only where the lab told its form. [V]"""
+    if not identified:
+        return error_v
+    # What a lab told is known whatever the model is off by: only what is apart from it is taken for its share.
+    least_v, most_v = _BEND_SD
+    return float(np.clip(_APART * error_v, least_v, np.inf if form_told else most_v))
 
 
 def _ohm(cell: CellModel) -> float:

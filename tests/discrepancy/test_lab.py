@@ -134,6 +134,15 @@ def test_what_the_lab_left_open_is_widened_by_what_differs_in_flight_only():
     np.testing.assert_allclose(after[drops, drops], 4.0 * before[drops, drops])
 
 
+@pytest.mark.parametrize(("error_v", "sd_v"), [(0.002, 0.003), (0.02, 0.006), (0.06, 0.018)])
+def test_of_a_told_form_flights_may_be_apart_by_a_share_of_what_the_model_is_off_by(error_v, sd_v):
+    """However far it is off; of a form that no lab told nobody takes a curve to be off by more than labs leave it."""
+    plain = replace(BATTERY, uncertainty=replace(BATTERY.uncertainty, voltage_error_v=error_v))
+    told = lab_of(replace(plain, left_open={"circ": told_its_form(base([]).lab).left_open}), "circ", None, None)
+    assert told.bend_sd_v == pytest.approx(sd_v)
+    assert lab_of(plain, "circ", None, None).bend_sd_v == pytest.approx(min(sd_v, 0.010))
+
+
 def test_what_a_double_layer_holds_back_for_a_second_goes_at_once_for_a_log_at_one_hertz():
     """Its pair and the series resistance share what another identification has in the series resistance alone."""
     layers = [Joined(effect=DoubleLayer(exchange_current=20.0, time_constant=s)) for s in (1.0, 20.0)]
