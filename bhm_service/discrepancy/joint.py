@@ -32,7 +32,7 @@ _REPEATS_SD = 0.003
 _REST_SD_V = 0.002  # of a cell, beside what the open-circuit curve is known to
 _STEP = 1e-3  # of finite differences, in standard deviations of what was known before
 _NEAR_STEP = 1e-6  # of finite differences over the charge, and over what the drop has grown to
-_STARTS = "start_soc"
+STARTS = "start_soc"
 _PACKS = "pack_resistance"
 _PACKS_SD, _PACKS_REACH = 0.1, 0.5  # of the logarithm: packs that nobody identified, from flight to flight
 
@@ -86,7 +86,7 @@ class Joint:
         sd = np.array(self.start_sd or [self._start_sd(f) for f in self.flights])
         sd[self._alike] = alike_sd(self._alike.size, FULL_SD, _REPEATS_SD)
         starts = Block(
-            name=_STARTS, start=mean, low=np.full(mean.size, 0.02), high=np.full(mean.size, 1.06), prior=mean, sd=sd
+            name=STARTS, start=mean, low=np.full(mean.size, 0.02), high=np.full(mean.size, 1.06), prior=mean, sd=sd
         )
         packs = [] if self.lab.identified else [numbers(_PACKS, np.zeros(len(self.flights)), _PACKS_SD, _PACKS_REACH)]
         members = [b for c in self.members for b in c.blocks(len(self.flights))]
@@ -126,7 +126,7 @@ class Joint:
 
     def _alike_ties(self) -> list[Array]:
         """That full charges are alike, and what differs little between flights."""
-        found = [self._tied(self.places[_STARTS].start + self._alike, _REPEATS_SD)]
+        found = [self._tied(self.places[STARTS].start + self._alike, _REPEATS_SD)]
         for u in (u for member in self.members for u in member.unknowns):
             if u.apart is not None:
                 where = self.places[u.name]
@@ -137,7 +137,7 @@ class Joint:
     def per_flight(self) -> frozenset[str]:
         """Blocks that hold one number for every flight."""
         own = {u.name for c in self.members for u in c.unknowns if u.per_flight}
-        return frozenset({_STARTS, _PACKS} | own | {form.by_flight(c.id) for c in self.members})
+        return frozenset({STARTS, _PACKS} | own | {form.by_flight(c.id) for c in self.members})
 
     @cached_property
     def _columns(self) -> Places:
@@ -223,7 +223,7 @@ class Joint:
             if first.size < leading.size:
                 shape = (first.size, *group.time_s.shape)
                 near = tuple(np.broadcast_to(state, shape)[of] for state in self._led(x[first], group))
-        start = x[:, self.places[_STARTS]][:, group.places, None]
+        start = x[:, self.places[STARTS]][:, group.places, None]
         skew_s = self._skew_s(x)
         current_a = group.current_at(skew_s) if skew_s.any() else group.current_a
         run = pack.simulate(group.time_s, current_a, start, group.temperature_k, near)

@@ -19,7 +19,7 @@ from bhm_service.discrepancy.noise import MOST_DOUBT, SUDDEN, Noise, doubt_of_al
 from bhm_service.discrepancy.onset import begun, later
 from bhm_service.discrepancy.slopes import Slopes
 from bhm_service.discrepancy.steps import contact_candidate, episodes
-from bhm_service.discrepancy.valleys import SKEW, fit_over_valleys
+from bhm_service.discrepancy.valleys import SKEW, fit_over_valleys, less_charged
 from bhm_service.units import Array
 
 NATS = 10.0  # that a member of a set has to earn against the best set without it
@@ -133,6 +133,9 @@ class Search:
             # Where the start was bent the other way an effect of one sign ends at none, though it is there.
             if not hides and not _vanished(ends[-1]):
                 break
+        if not names:
+            # From here all others grow: in another valley than theirs it would give each of them what lies between.
+            ends.append(fit(joint, self.noise, less_charged(joint, ends[-1].x), aim=aim))
         end = likelier(ends)
         return likeliest(end) if hides or again else end
 

@@ -1,4 +1,8 @@
-"""Fits of a time skew: shifted by whole samples the flights look alike, so that its cost has many valleys."""
+"""Fits whose cost has several valleys: of a time skew, and of the charge that flights begin with.
+
+Shifted by whole samples flights look alike. And an open-circuit curve has steps: where the lab's errors make up for a
+step that stands in the wrong place, every small move of the charge looks worse.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,7 @@ import numpy as np
 
 from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.discrepancy.fitting import Fitted, cost_of, fit
-from bhm_service.discrepancy.joint import Joint
+from bhm_service.discrepancy.joint import STARTS, Joint
 from bhm_service.discrepancy.noise import Noise
 from bhm_service.units import Array
 
@@ -22,6 +26,17 @@ def fit_over_valleys(joint: Joint, noise: Noise, start: Array, aim: float | None
     if other is not start:
         ends.append(fit(joint, noise, other, aim=aim))
     return min(ends, key=lambda end: end.cost)
+
+
+def less_charged(joint: Joint, at: Array) -> Array:
+    """A vector (n,) with each flight's charge at the start lower by a standard deviation of what is known of it.
+
+    Not higher: no charger makes a cell more than full.
+    """
+    x = at.copy()
+    where = joint.places[STARTS]
+    x[where] = np.maximum(x[where] - joint.scale[where], joint.unknowns.low[where])
+    return x
 
 
 def _deepest(joint: Joint, start: Array, noise: Noise) -> Array:
