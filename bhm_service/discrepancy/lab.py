@@ -405,7 +405,8 @@ def _bend_sd_v(error_v: float, identified: bool, form_told: bool) -> float:
     """By how much a cell's open-circuit curve may be off, in flight only where the lab told its form. [V]"""
     if not identified:
         return error_v
-    # What a lab told is known whatever the model is off by: only what is apart from it is taken for its share.
+    # The worst is of labs that told nothing. From what a lab told a flight differs by a share of what its model is off
+    # by, however much that is.
     least_v, most_v = _BEND_SD
     return float(np.clip(_APART * error_v, least_v, np.inf if form_told else most_v))
 

@@ -26,7 +26,7 @@ from bhm_service.units import Array, Flags
 
 _FLOOR_V = 3e-4  # [V] of a cell: closer no recording's noise is taken to be known
 _DOUBT = 8.0  # times a variance: what a model leaves lasts longer than any colour that its noise is given
-_METERS_PHI = 0.9  # of ten samples: ten seconds at one hertz
+_METERS_PHI = 0.9  # colour of ten samples, ten seconds at one hertz: the most that a bench's meter has
 _LOADS_APART = 2.0  # times, from where on a lag is no error of the curve
 _START_SD = 0.002  # of the charge that a recording begins with
 _STEP = 1e-4  # of charge, over which a curve's slope is taken
@@ -92,8 +92,8 @@ class _Shown:
 
     @property
     def loads_apart(self) -> float:
-        """How many times the load of the gentlest recording the hardest is of."""
-        loads = [r.load_a for r in self.recordings]
+        """How many times the load of the gentlest recording the hardest is of; of those that are of any."""
+        loads = [r.load_a for r in self.recordings if r.load_a > 0.0]
         return max(loads) / min(loads) if loads else 1.0
 
     @classmethod
