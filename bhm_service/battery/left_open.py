@@ -22,6 +22,11 @@ class LeftOpen:
     factor: tuple[tuple[float, ...], ...]  # rows of the lower triangle L of the covariance L L'
 
     @property
+    def sizes(self) -> dict[str, int]:
+        """How many numbers each block has."""
+        return {name: len(values) for name, values in self.mean.items()}
+
+    @property
     def covariance(self) -> Array:
         """Of the vector; (n, n)."""
         lower = np.zeros((len(self.factor), len(self.factor)))

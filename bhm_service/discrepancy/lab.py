@@ -41,7 +41,7 @@ _HOVER_C = 2.0  # [1/h] load at which what a model is off by is weighed against 
 # Charges at which a pack may lag by its own share: diffusion in a particle goes by how full it is, tenfold in graphite,
 # and steps of a curve are a twentieth of the charge wide.
 LAG_SOC = np.linspace(0.05, 1.0, 20)
-_LAG_AT_S = 30.0  # after which it does: in a minute or two of hover no other time looks different
+_LAG_AT = DROP_S.index(30.0)  # after so many seconds: in a minute or two of hover no other time looks different
 
 # What a model's form is off by, number by number, in the order in which `Lab.added` has them.
 FORM: Final = {
@@ -112,7 +112,7 @@ class Lab:
     def form_sizes(self) -> dict[str, int]:
         """Those of `FORM` that it has; of a lab that told nothing of its form a lag is a part of its drops."""
         if self.left_open is not None:
-            return {name: len(own) for name, own in self.left_open.mean.items()}
+            return self.left_open.sizes
         sds = {"lag": self.lag_sd, "lag_at": self.lag_at_sd}
         return {name: size for name, size in FORM.items() if sds.get(name, 1.0) > 0.0}
 
@@ -254,10 +254,9 @@ class Lab:
         """
         cell, late, once = self._loads(followed, current, grown)
         drops = (-self.ohm * late[:-1, None] * hats(DROP_SOC, soc)).reshape(-1, *soc.shape)
-        behind = -self._fall_v(soc) * late[:-1] / self._hover_a
-        lags = [behind] if "lag" in self._form_places else []
+        lags = [-self._fall_v(soc) * late[:-1] / self._hover_a] if "lag" in self._form_places else []
         if "lag_at" in self._form_places:
-            lags.append(behind[DROP_S.index(_LAG_AT_S)] * hats(LAG_SOC, soc))
+            lags.append(lags[0][_LAG_AT] * hats(LAG_SOC, soc))
         bent = -self.ohm * once * self._bending(cell)
         charge = np.clip(soc, 0.0, 1.0)
         skewed = -self.ohm * self.ohmic_share * (once * cell - late[-1]) / _SKEW_S
@@ -277,13 +276,13 @@ class Lab:
         for hat, shares in zip(hats(DROP_SOC, soc), drops.T, strict=True):
             amps += hat * np.tensordot(shares, late[:-1], axes=1)
         bend = np.interp(soc, BEND_SOC, sizes[: BEND_SOC.size])
-        lags = np.zeros(soc.shape)
+        volts = bend + sum(meter) - self.ohm * amps
         if "lag" in places:
-            lags += np.tensordot(sizes[places["lag"]], late[:-1], axes=1)
-        if "lag_at" in places:
-            lags += np.interp(soc, LAG_SOC, sizes[places["lag_at"]]) * late[DROP_S.index(_LAG_AT_S)]
-        behind = self._fall_v(soc) * lags / self._hover_a if lags.any() else 0.0
-        return np.asarray(self.series * (bend + sum(meter) - self.ohm * amps - behind))
+            lags = np.tensordot(sizes[places["lag"]], late[:-1], axes=1)
+            if "lag_at" in places:
+                lags += np.interp(soc, LAG_SOC, sizes[places["lag_at"]]) * late[_LAG_AT]
+            volts = volts - self._fall_v(soc) * lags / self._hover_a
+        return np.asarray(self.series * volts)
 
     def _loads(self, followed: Array, current: Array, grown: Array | None) -> tuple[Array, Array, Array]:
         """Of a cell its current, what follows it [A], as much more as the drop has grown, and by what is at once.
@@ -366,7 +365,7 @@ def lab_of(battery: BatteryFile, model: ModelName, series: int | None, capacity_
     left_open = battery.left_open.get(model) if identified else None
     by_charge = left_open is not None and "lag_at" in left_open.mean
     sizes = [(name, size) for name, size in FORM.items() if by_charge or name != "lag_at"]
-    if left_open is not None and [(name, len(own)) for name, own in left_open.mean.items()] != sizes:
+    if left_open is not None and list(left_open.sizes.items()) != sizes:
         raise BadInputError(
             battery.name, f"left_open.{model} is of another version of bhm", "identify the pack again, or take it out"
         )

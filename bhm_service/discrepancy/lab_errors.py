@@ -118,7 +118,7 @@ class _Shown:
                 off = off + (x - self.expected) @ slopes
                 curvature += (slopes * counted) @ slopes.T
                 score += (slopes * counted) @ off
-                nats -= 0.5 * float(counted @ off**2) + recording.log_scale(noise) / _DOUBT
+                nats -= 0.5 * float(counted @ off**2) + recording.log_scale(doubted) / _DOUBT
             moved = np.asarray(np.linalg.solve(curvature, score))
             nats += 0.5 * float(score @ moved) - 0.5 * float(_log_det(curvature) - _log_det(self.before))
             x = self.expected + moved
@@ -150,9 +150,8 @@ class _Recording:
         return white[0], white[1:]
 
     def log_scale(self, noise: Noise) -> float:
-        """Sum over samples of the log of the volts that an innovation of one stands for, of noise not doubted."""
-        sudden = replace(noise, sudden=SUDDEN).beside(self.sudden_v)
-        return float(np.sum(np.log(noise.sigma_v * sudden)[self.known]))
+        """Sum over samples of the log of the volts that a whitened one stands for."""
+        return float(np.sum(np.log(noise.scale_v * noise.beside(self.sudden_v))[self.known]))
 
 
 def _recordings(lab: Lab, runs: Sequence[Followed], form: int) -> list[_Recording]:

@@ -97,27 +97,25 @@ def test_a_charge_that_lags_behind_the_load_is_foretold_where_the_curve_is_steep
 
 
 def test_a_lag_that_goes_by_charge_is_told_by_charge():
-    """As where particles diffuse slowly at some fillings only: twice it comes, and twice it goes."""
-
-    def at(soc):
-        return 0.04 * np.sin(4.0 * np.pi * soc) ** 2
-
-    seen = [lagging(seed, kind, at, noise_share=0.3)[0] for seed, kind in LAGGING]
+    seen = [lagging(seed, kind, slow_at_some, noise_share=0.3)[0] for seed, kind in LAGGING]
     found = lab_errors(LAB, seen)
     told = np.asarray(found.mean["lag_at"]) + sum(found.mean["lag"])
     shown = (LAG_SOC > 0.2) & (LAG_SOC < 0.95)
-    assert np.corrcoef(told[shown], at(LAG_SOC[shown]))[0, 1] > 0.95
+    assert np.corrcoef(told[shown], slow_at_some(LAG_SOC[shown]))[0, 1] > 0.95
     lab, numbers = LAB.at_worst(by_charge=True), np.concatenate(list(found.mean.values()))
-    assert left_of_a_lag(lab, numbers, lagging(30, Kind.VARIABLE, at, noise_share=0.3)) < 0.2
+    assert left_of_a_lag(lab, numbers, lagging(30, Kind.VARIABLE, slow_at_some, noise_share=0.3)) < 0.2
 
 
 def test_recordings_of_one_load_do_not_tell_a_lag_by_charge_from_the_curve():
-    seen = [
-        lagging(seed, Kind.VARIABLE, lambda soc: 0.04 * np.sin(4.0 * np.pi * soc) ** 2, 0.3)[0] for seed in (21, 22)
-    ]
+    seen = [lagging(seed, Kind.VARIABLE, slow_at_some, noise_share=0.3)[0] for seed in (21, 22)]
     resting = replace(seen[0], experiment=replace(seen[0].experiment, current_a=np.zeros(seen[0].soc.size)))
     for runs in (seen, [*seen, resting]):
         assert "lag_at" not in lab_errors(LAB, runs).mean
+
+
+def slow_at_some(soc):
+    """A lag as where particles diffuse slowly at some fillings only: twice it comes, and twice it goes."""
+    return 0.04 * np.sin(4.0 * np.pi * soc) ** 2
 
 
 LAGGING = ((21, Kind.VARIABLE), (22, Kind.VARIABLE), (23, Kind.SLOW))
