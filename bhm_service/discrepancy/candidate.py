@@ -73,6 +73,12 @@ class Unknown:
         """Whether it is where a flight's driver begins, or what that is drawn to."""
         return self.per_flight and self.declared.absent is None
 
+    @property
+    def usual(self) -> float:
+        """Of what makes an effect vanish, the size that is usual where it is there; in the declared unit."""
+        mean, sd = self.prior
+        return mean if mean != self.declared.absent else mean + sd
+
     def closer(self, share: float) -> Unknown:
         """The same with flights expected to lie apart by a ``share`` of what is declared."""
         if self.apart is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -19,7 +19,7 @@ from bhm_service.discrepancy.noise import MOST_DOUBT, SUDDEN, Noise, doubt_of_al
 from bhm_service.discrepancy.onset import begun, later
 from bhm_service.discrepancy.slopes import Slopes
 from bhm_service.discrepancy.steps import contact_candidate, episodes
-from bhm_service.discrepancy.valleys import SKEW, fit_over_valleys, less_charged
+from bhm_service.discrepancy.valleys import SKEW, across, by_equation, fit_over_valleys, less_charged
 from bhm_service.units import Array
 
 NATS = 10.0  # that a member of a set has to earn against the best set without it
@@ -90,6 +90,7 @@ class Search:
     _joints: dict[Names, Joint] = field(default_factory=dict, init=False)
     _added: dict[Names, Array] = field(default_factory=dict, init=False)
     _alone: dict[Names, Array] = field(default_factory=dict, init=False)
+    _seen: set[tuple[Names, Names]] = field(default_factory=set, init=False)
 
     def fitted(self, names: Names, start: Fitted | None = None) -> Fitted:
         """The fit of a set, begun from a smaller set's where one is given."""
@@ -106,6 +107,28 @@ class Search:
         tasks = [partial(self._bare, own, starts[own], aim) for own in others]
         for own, bare in zip(others, on_cores(tasks, self.cores), strict=True):
             self.fits[own] = bare.on(self.joint(own), self.noise)
+
+    def look_by_equation(self, sets: Iterable[Names]) -> None:
+        """Fit sets from where their equations alone come nearest to the flights as well."""
+        self._look({own: partial(by_equation, self.joint(own), self.noise) for own in sets})
+
+    def look_across(self, best: Names, sets: Iterable[Names]) -> None:
+        """Fit sets from the valley of another one as well, once."""
+        new = [own for own in sets if (best, own) not in self._seen]
+        self._seen.update((best, own) for own in new)
+        self._look({own: partial(across, self.joint(own), self.fits[best]) for own in new})
+
+    def _look(self, begins: Mapping[Names, Callable[[], Array]]) -> None:
+        """Fit sets from other starts, and keep of each the likelier fit.
+
+        But what has a driver that nobody recorded, or a skew, looks for its valleys by itself.
+        """
+        joints = {own: self.joint(own) for own in begins if not _seeks(self.joint(own))}
+        tasks = [partial(_begun_at, joint, self.noise, begins[own], self._least) for own, joint in joints.items()]
+        for own, bare in zip(joints, on_cores(tasks, self.cores), strict=True):
+            self.fits[own] = likelier([self.fits[own], bare.on(joints[own], self.noise)])
+            self._added.pop(own, None)
+            self._alone.pop(own, None)
 
     def _bare(self, names: Names, start: Fitted, aim: float | None) -> Bare:
         return self._found(names, start, aim).bare
@@ -218,6 +241,14 @@ class Search:
         return {m: self.evidence(names) - self.evidence(names - {m}) for m in names}
 
 
+def _begun_at(joint: Joint, noise: Noise, begin: Callable[[], Array], aim: float | None) -> Bare:
+    return fit(joint, noise, begin(), aim=aim).bare
+
+
+def _seeks(joint: Joint) -> bool:
+    return SKEW in joint.places or any(member.inferred for member in joint.members)
+
+
 def by_members(at: Fitted) -> Array:
     """What each member adds; what shows only beside another is its own, and not a part of that one as well."""
     parts = np.concatenate([p.members for p in at.joint.all_predicted(at.x[None, :])], axis=1)
@@ -232,6 +263,8 @@ def by_members(at: Fitted) -> Array:
 def _starts(joint: Joint, start: Fitted | None, hides: bool) -> list[Array]:
     """Where the fit of a set may begin: from another set's, what joins that at its usual size or not there yet.
 
+    Or, beside other effects, with the numbers that suit these best.
+
     A fit without a driver that nobody recorded has put what that does where it does not belong, into the lab's errors
     and the flights' starts: where it ``hides``, from what was known before as well.
     """
@@ -240,7 +273,8 @@ def _starts(joint: Joint, start: Fitted | None, hides: bool) -> list[Array]:
     there = {member.id for member in start.joint.members}
     joining = [member for member in joint.members if member.id not in there]
     fresh = [_carried(joint, None)] if hides else []
-    return [_carried(joint, start), *(_absent(joint, start, member) for member in joining), *fresh]
+    beside = [across(joint, start)] if there and joining and not hides else []
+    return [_carried(joint, start), *(_absent(joint, start, member) for member in joining), *fresh, *beside]
 
 
 def _hides(joint: Joint, start: Fitted | None) -> bool:
@@ -338,8 +372,7 @@ def _usual(at: Fitted, joint: Joint, candidate: Candidate) -> Array:
     absent = _absent(joint, at, candidate)
     usual = absent.copy()
     for u in candidate.amplitudes():
-        mean, sd = u.prior
-        usual[joint.unknowns.slice_of(u.name)] = mean if mean != u.declared.absent else mean + sd
+        usual[joint.unknowns.slice_of(u.name)] = u.usual
     with_it, without = (np.concatenate(joint.residuals(x, at.noise)) for x in (usual, absent))
     return (with_it - without)[:, None]
 
@@ -476,6 +509,19 @@ def _begun(found: Search, candidate: Candidate, largest: Names) -> Candidate:
     return begun(candidate, flights, by_fit, NATS)
 
 
+def _look_round(found: Search) -> None:
+    """Look for other valleys of what has one effect, and of none, where there is anything to explain.
+
+    Large effects that are fitted from none of them need not arrive: bends of the lab take their place on the way, and
+    hold it.
+    """
+    alone = [names for names in found.fits if len(names) == 1]
+    bare: Names = frozenset()
+    if alone and (found.fits[bare].misfit > 1.0 or max(map(found.evidence, alone)) >= NATS):
+        found.look_by_equation(alone)
+        found.look_across(max(alone, key=found.evidence), [bare])
+
+
 def _grow(found: Search, depth: int, progress: Progress) -> None:
     beam: list[Names] = [frozenset()]
     for size in range(depth):
@@ -488,6 +534,8 @@ def _grow(found: Search, depth: int, progress: Progress) -> None:
             for name in likely if place == 0 and size < _PAIR else likely[:_EXPANSIONS]:
                 tried.setdefault(names | {name}, found.fitted(names))
         found.fit_all(tried)
+        if size == 0:
+            _look_round(found)
         progress(f"sets of {size + 1}")
         beam = sorted(tried, key=lambda names: -found.evidence(names))[:_WIDTH]
         # One more of them has to earn its place as well: what this one hardly did, no other does beside it.

@@ -1,14 +1,18 @@
-"""Fits whose cost has several valleys: of a time skew, and of the charge that flights begin with.
+"""Fits whose cost has several valleys: of a time skew, of the charge that flights begin with, and of a large effect.
 
 Shifted by whole samples flights look alike. And an open-circuit curve has steps: where the lab's errors make up for a
-step that stands in the wrong place, every small move of the charge looks worse.
+step that stands in the wrong place, every small move of the charge looks worse. So does every small part of an effect
+that takes the flights over several steps.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from bhm_service.battery.effects.time_skew import TimeSkew
+from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.fitting import Fitted, cost_of, fit
 from bhm_service.discrepancy.joint import STARTS, Joint
 from bhm_service.discrepancy.noise import Noise
@@ -17,6 +21,9 @@ from bhm_service.units import Array
 SKEW = f"{TimeSkew.id}.skew"  # the block of that number
 _LABS = "lab_skew"
 _STEP_S = 0.5  # half of what autopilots log at: a valley is about as wide as a sample
+# Times its usual size that an effect may have: as close together as steps of a curve are to a large one.
+_TIMES = 2.0 ** np.arange(-2.0, 3.25, 0.25)
+_ROUNDS = 8  # of a fit of its own numbers from there
 
 
 def fit_over_valleys(joint: Joint, noise: Noise, start: Array, aim: float | None = None) -> Fitted:
@@ -54,3 +61,34 @@ def _deepest(joint: Joint, start: Array, noise: Noise) -> Array:
         x[own], x[labs] = skew, 0.0
         tried.append(x)
     return min(tried, key=lambda x: cost_of(joint, x, noise))
+
+
+def by_equation(joint: Joint, noise: Noise) -> Array:
+    """A start (n,) from what was known before, the members as their equations alone come nearest to the flights."""
+    return _joined(joint, joint.members, joint.unknowns.start.copy(), noise)
+
+
+def across(joint: Joint, other: Fitted) -> Array:
+    """A start (n,) in the valley of another hypothesis's fit, what joins that at the numbers that suit it best."""
+    x = joint.unknowns.start.copy()
+    for block in other.joint.unknowns.blocks:
+        if block.name in joint.places:
+            x[joint.places[block.name]] = other.x[other.joint.places[block.name]]
+    there = {member.id for member in other.joint.members}
+    return _joined(joint, [member for member in joint.members if member.id not in there], x, other.noise)
+
+
+def _joined(joint: Joint, joining: Sequence[Candidate], x: Array, noise: Noise) -> Array:
+    """A vector (n,) with what joins it at the size, and then the numbers, that suit it best, nothing else moved."""
+    sizes = [u for member in joining for u in member.amplitudes()]
+    tried: dict[bytes, Array] = {}
+    for times in (*-_TIMES, *_TIMES) if sizes else ():
+        trial = x.copy()
+        for u in sizes:
+            absent = u.declared.absent or 0.0
+            trial[joint.places[u.name]] = absent + times * (u.usual - absent)
+        trial = np.clip(trial, joint.unknowns.low, joint.unknowns.high)
+        tried[trial.tobytes()] = trial
+    nearest = min(tried.values(), key=lambda trial: cost_of(joint, trial, noise), default=x)
+    own = [u.name for member in joining for u in member.unknowns]
+    return fit(joint, noise, nearest, _ROUNDS, moving=own).x if own else x
