@@ -16,20 +16,23 @@ from bhm_service.discrepancy.lab import Lab
 from bhm_service.discrepancy.noise import Noise
 from bhm_service.discrepancy.search import Names, Search, saturated_noise
 from bhm_service.discrepancy.valleys import fit_over_valleys
+from bhm_service.units import Array
 
 
 @dataclass(slots=True)
 class Witness:
     """The same flights with the other cell model; ``start_sd`` as in the search that it checks.
 
-    Of what its model has in the battery file already, of the lab's making, the flights are not asked again. ``near`` is
-    a search with the same model, from which its fits begin as well.
+    Of what its model has in the battery file already, of the lab's making, the flights are not asked again. Its fits
+    begin as well from those of ``near``, a search with the same model, or with the sizes that ``other``, one with the
+    other model, found.
     """
 
     lab: Lab
     candidates: Sequence[Candidate]
     base: Joint
     near: Search | None = None
+    other: Search | None = None
     _bare: Fitted | None = field(default=None)
     _searches: dict[Names, Search] = field(default_factory=dict)
 
@@ -55,6 +58,8 @@ class Witness:
         rough = saturated_noise(self._bare, members)
         joint = replace(self.base, members=members)
         starts = [joint.unknowns.start, *([] if self.near is None else [self.near.fitted(names).x])]
+        if self.other is not None:
+            starts.append(_sized(joint, self.other.fitted(names)))
         first = min((fit_over_valleys(joint, rough, start) for start in starts), key=lambda found: found.cost)
         noise = saturated_noise(first, ())
         lab = self.lab.widened(lambda name: first.joint.pulled(name, first.x))
@@ -64,6 +69,20 @@ class Witness:
         return found
 
 
-def witness(lab: Lab, flights: Joint, candidates: Sequence[Candidate], near: Search | None = None) -> Witness:
+def _sized(joint: Joint, found: Fitted) -> Array:
+    """A start (n,) from what was known before, but for the members' numbers: these as they were ``found``."""
+    x = joint.unknowns.start.copy()
+    for u in (u for member in joint.members for u in member.unknowns if u.name in found.joint.places):
+        x[joint.places[u.name]] = found.x[found.joint.places[u.name]]
+    return x
+
+
+def witness(
+    lab: Lab,
+    flights: Joint,
+    candidates: Sequence[Candidate],
+    near: Search | None = None,
+    other: Search | None = None,
+) -> Witness:
     """A witness on the flights of a search."""
-    return Witness(lab, candidates, Joint(lab, flights.flights, (), flights.start_sd), near)
+    return Witness(lab, candidates, Joint(lab, flights.flights, (), flights.start_sd), near, other)

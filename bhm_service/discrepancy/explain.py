@@ -189,4 +189,4 @@ def _witness(request: Request, found: Search, flights: tuple[FlightData, ...]) -
     lab = _lab(request, other, flights)
     tried, _ = _tried(lab, flights)
     by_name = {c.id: c for c in tried} | {c.id: c for c in found.candidates if c.price > 0.0}
-    return witness(lab, found.base, list(by_name.values()))
+    return witness(lab, found.base, list(by_name.values()), other=found)
