@@ -109,16 +109,14 @@ def _near(found: Search, refuted: Collection[Names], absent: Names) -> list[Name
     """The sets that could be the explanation, first the one that is chosen; empty where none is."""
     valid: list[Names] = []
     best, most = frozenset[str](), 0.0
-    # What an absent effect only seemed to explain is of another kind, unless a set explains the larger part of it.
-    liked = max((_liking(found, r) * (_MAJORITY if r & absent else 1.0) for r in refuted), default=0.0) - NATS
+    imitations = _imitations(found, refuted, absent)
     for names in _open(found, refuted, absent):
         nats = found.evidence(names)
         # One more member has to earn its place against the best set without it, not only against its own remainder.
         better = nats - _price(found, names) > most - _price(found, best)
         close = len(names) <= len(best) and nats > most - NEAR
-        imitates = nats < liked and not any(names < r for r in refuted)
         # What is behind the best by less than tells them apart need not have earned that: it is no less its rival.
-        if imitates or not (better or close) or not _stands(found, names, 0.0 if better else most - nats):
+        if names in imitations or not (better or close) or not _stands(found, names, 0.0 if better else most - nats):
             continue
         valid.append(names)
         if better:
@@ -132,6 +130,20 @@ def _near(found: Search, refuted: Collection[Names], absent: Names) -> list[Name
     odds = {names: of[names] - _price(found, names) for names in near}
     likely = {names: odds[names] > max(odds[n] for n in near if len(n) == len(names)) - STRONG for names in near}
     return sorted(near, key=lambda names: (len(names), not likely[names], _order(names), -of[names]))
+
+
+def _imitations(found: Search, refuted: Collection[Names], absent: Names) -> set[Names]:
+    """The sets that the flights like far less than a refuted one: they explain what that one leaves to be had.
+
+    But for its parts, and, where one of these stands, what is no larger and the flights like better.
+    """
+    # What an absent effect only seemed to explain is of another kind, unless a set explains the larger part of it.
+    liked = max((_liking(found, r) * (_MAJORITY if r & absent else 1.0) for r in refuted), default=0.0) - NATS
+    fewer = {names for names in _open(found, refuted, absent) if found.evidence(names) < liked}
+    parts = {names for names in fewer if any(names < r for r in refuted)}
+    standing = [(len(part), found.evidence(part)) for part in parts if _stands(found, part, 0.0)]
+    no_worse = {n for n in fewer if any(len(n) <= size and found.evidence(n) >= nats for size, nats in standing)}
+    return fewer - parts - no_worse
 
 
 def _liking(found: Search, names: Names) -> float:
@@ -162,6 +174,10 @@ def _swaps(found: Search, names: Names) -> None:
             if other not in names:
                 swapped[others | {other}] = found.fitted(names)
     found.fit_all(swapped)
+    if len(names) > 1:
+        # Those that are hardly behind may be so for the way by which they came; what is alone was looked at before.
+        least = found.evidence(names) - NATS
+        found.look_across(names, [other for other in swapped if least < found.evidence(other) < least + NATS])
 
 
 def _stands(found: Search, names: Names, behind: float) -> bool:

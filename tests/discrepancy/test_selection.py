@@ -271,6 +271,17 @@ def test_what_a_refuted_set_leaves_to_be_had_is_no_explanation(both):
     assert select(alone, [strong]).names == frozenset()
 
 
+def test_where_a_part_of_a_refuted_set_may_be_said_so_may_what_is_as_simple_and_likelier():
+    gain = frozenset({"current-gain"})
+    effects = [EFFECTS["capacity-fade"](fade=0.14), EFFECTS["contact-resistance"](resistance=0.02)]
+    found = searching(tuple(flown(effects, seed=5, number=k) for k in range(4)), {*FADE, *CONTACT, *gain})
+    for names in (frozenset(), FADE, CONTACT, gain, FADE | CONTACT, gain | CONTACT):
+        found.fitted(names)
+    found.fits[FADE | CONTACT] = replace(found.fits[FADE | CONTACT], cost=1e6)
+    assert found.evidence(gain) < found.evidence(FADE) < found.evidence(gain | CONTACT) - NATS
+    assert select(found, [gain | CONTACT]).names == FADE
+
+
 @pytest.mark.parametrize(("ahead_by", "named"), [(1.5 * NATS, True), (2.5 * NATS, False)])
 def test_what_is_beyond_physics_counts_by_what_it_has_to_spare(both, ahead_by, named):
     """One more effect that needs a resistance at the end of its range has to earn its own place first."""
