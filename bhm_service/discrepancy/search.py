@@ -301,11 +301,16 @@ def _carried(joint: Joint, start: Fitted | None) -> Array:
     if start is not None:
         known = {b.name: start.x[start.joint.unknowns.slice_of(b.name)] for b in start.joint.unknowns.blocks}
         # A fit that lacked what this one has may have bent the lab's errors far to make up for it: a poor start.
-        bent = float(np.max(np.abs(start.joint.unknowns.pulls(start.x)[0][start.joint.of_lab]))) > _BENT
+        bent = _bends_the_lab(start)
         for block in joint.unknowns.blocks:
             if block.name in known and not (bent and block.name.startswith("lab_")):
                 x[joint.unknowns.slice_of(block.name)] = known[block.name]
     return x
+
+
+def _bends_the_lab(at: Fitted) -> bool:
+    """Whether a fit lays on any error of the lab far more than the lab leaves open."""
+    return bool(np.any(np.abs(at.joint.unknowns.pulls(at.x)[0][at.joint.of_lab]) > _BENT))
 
 
 def _colder(joint: Joint) -> Array:
@@ -517,9 +522,15 @@ def _look_round(found: Search) -> None:
     """
     alone = [names for names in found.fits if len(names) == 1]
     bare: Names = frozenset()
-    if alone and (found.fits[bare].misfit > 1.0 or max(map(found.evidence, alone)) >= NATS):
-        found.look_by_equation(alone)
-        found.look_across(max(alone, key=found.evidence), [bare])
+    followed = found.fits[bare].misfit <= 1.0 and not _bends_the_lab(found.fits[bare])
+    if not alone or (followed and not any(_earns_its_place(found, names) for names in alone)):
+        return
+    found.look_by_equation(alone)
+    found.look_across(max(alone, key=found.evidence), [bare])
+
+
+def _earns_its_place(found: Search, alone: Names) -> bool:
+    return found.evidence(alone) >= sum(found.needed(name, alone) for name in alone)
 
 
 def _grow(found: Search, depth: int, progress: Progress) -> None:
