@@ -12,11 +12,12 @@ from bhm_service.battery.effects.self_heating import SelfHeating
 from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.explanation import Contest
 from bhm_service.discrepancy.findings import Verdict
+from bhm_service.discrepancy.first_order import expected_snr
 from bhm_service.discrepancy.fitting import Fitted, fit
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.manoeuvres import MENU, ORDINARY, Manoeuvre
-from bhm_service.discrepancy.search import LEAST_SNR, Names, Search, expected_snr
+from bhm_service.discrepancy.search import LEAST_SNR, Names, Search
 from bhm_service.discrepancy.selection import Selection
 from bhm_service.units import Array
 

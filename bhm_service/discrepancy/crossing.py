@@ -10,11 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from bhm_service.discrepancy.candidate import Candidate
+from bhm_service.discrepancy.first_order import saturated_noise
 from bhm_service.discrepancy.fitting import Fitted, fit
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.lab import Lab
 from bhm_service.discrepancy.noise import Noise
-from bhm_service.discrepancy.search import Names, Search, saturated_noise
+from bhm_service.discrepancy.search import Names, Search
 from bhm_service.discrepancy.valleys import fit_over_valleys
 from bhm_service.units import Array
 

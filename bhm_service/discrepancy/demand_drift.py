@@ -14,10 +14,11 @@ import numpy as np
 
 from bhm_service.discrepancy.demand_model import Demand
 from bhm_service.discrepancy.demand_search import FLOOR
+from bhm_service.discrepancy.first_order import geometry_of
 from bhm_service.discrepancy.fitting import Fitted, fit, one_step
 from bhm_service.discrepancy.lab import hats
 from bhm_service.discrepancy.noise import estimated
-from bhm_service.discrepancy.search import NATS, geometry_of
+from bhm_service.discrepancy.search import NATS
 from bhm_service.units import Array
 
 _KNOTS = 4  # of equally many samples between them

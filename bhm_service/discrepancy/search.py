@@ -12,12 +12,13 @@ from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.alikeness import FlightSpread
 from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.cores import on_cores
-from bhm_service.discrepancy.fitting import Bare, Fitted, ProblemT, cost_of, fit, one_step
+from bhm_service.discrepancy.first_order import expected_snr, linear_gain, saturated_noise
+from bhm_service.discrepancy.fitting import Bare, Fitted, cost_of, fit
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.marginal import likelier, likeliest
-from bhm_service.discrepancy.noise import MOST_DOUBT, SUDDEN, Noise, doubt_of_alike, estimated
+from bhm_service.discrepancy.noise import Noise
 from bhm_service.discrepancy.onset import begun, later
-from bhm_service.discrepancy.slopes import Slopes
+from bhm_service.discrepancy.starts import bends_the_lab, carried, colder, hides, seeks, starts_of, vanished
 from bhm_service.discrepancy.steps import contact_candidate, episodes
 from bhm_service.discrepancy.valleys import SKEW, across, by_equation, fit_over_valleys, less_charged
 from bhm_service.units import Array
@@ -48,11 +49,6 @@ LEAST_SNR = 3.0  # below, these recordings cannot show an effect of the usual si
 _TRIED_SNR = 1.0  # below, they could not even show one of several times that
 _WIDTH, _DEPTH, _EXPANSIONS = 3, 3, 4
 _PAIR = 2  # effects: what joins two and earns its place is among the first of what looks best
-# The more a model gets wrong in the lab, the more of what it leaves in flight is its own.
-_USUAL_V = 0.012  # [V] of a cell: what a model that follows its cell is off by on recordings that no fit saw, at most
-_BENT = 3.0  # standard deviations
-_COLD_SDS = 2.0  # of what is known of the air before: colder hardly any flights are
-_FLOOR_V = 1e-3  # [V] of a cell: no voltage is measured and modelled better than this
 
 Progress = Callable[[str], None]
 Names = frozenset[str]
@@ -119,11 +115,8 @@ class Search:
         self._look({own: partial(across, self.joint(own), self.fits[best]) for own in new})
 
     def _look(self, begins: Mapping[Names, Callable[[], Array]]) -> None:
-        """Fit sets from other starts, and keep of each the likelier fit.
-
-        But what has a driver that nobody recorded, or a skew, looks for its valleys by itself.
-        """
-        joints = {own: self.joint(own) for own in begins if not _seeks(self.joint(own))}
+        """Fit sets from other starts, but for those that `seeks` is true of, and keep of each the likelier fit."""
+        joints = {own: self.joint(own) for own in begins if not seeks(self.joint(own))}
         tasks = [partial(_begun_at, joint, self.noise, begins[own], self._least) for own, joint in joints.items()]
         for own, bare in zip(joints, on_cores(tasks, self.cores), strict=True):
             self.fits[own] = likelier([self.fits[own], bare.on(joints[own], self.noise)])
@@ -144,23 +137,23 @@ class Search:
         # What numbers lean by is of the noise and of what is known before: another search's is only a start.
         again = start is not None and start.noise is not self.noise
         # So is the valley that it took for a driver that nobody recorded.
-        hides = _hides(joint, None if again else start)
-        starts = _starts(joint, start, hides)
-        if again and hides:
-            starts.append(_colder(joint))
-        if not hides:
+        hidden = hides(joint, None if again else start)
+        starts = starts_of(joint, start, hidden)
+        if again and hidden:
+            starts.append(colder(joint))
+        if not hidden:
             starts.sort(key=lambda x: cost_of(joint, x, self.noise))
         ends = []
         for begin in starts:
             ends.append(fit_over_valleys(joint, self.noise, begin, aim=aim))
             # Where the start was bent the other way an effect of one sign ends at none, though it is there.
-            if not hides and not _vanished(ends[-1]):
+            if not hidden and not vanished(ends[-1]):
                 break
         if not names:
             # From here all others grow: in another valley than theirs it would give each of them what lies between.
             ends.append(fit(joint, self.noise, less_charged(joint, ends[-1].x), aim=aim))
         end = likelier(ends)
-        return likeliest(end) if hides or again else end
+        return likeliest(end) if hidden or again else end
 
     def joint(self, names: Names) -> Joint:
         """The hypothesis of a set."""
@@ -194,7 +187,7 @@ class Search:
         others = [c for c in self.candidates if c.id not in names and c.shown_beside(names)]
         # What all of them need is made before they part.
         _ = at.known_curvature, at.weighted
-        tasks = [partial(_linear_gain, at, self.joint(names | {c.id}), c) for c in others]
+        tasks = [partial(linear_gain, at, self.joint(names | {c.id}), c) for c in others]
         return dict(zip([c.id for c in others], on_cores(tasks, self.cores), strict=True))
 
     def needed(self, name: str, names: Names = frozenset()) -> float:
@@ -245,10 +238,6 @@ def _begun_at(joint: Joint, noise: Noise, begin: Callable[[], Array], aim: float
     return fit(joint, noise, begin(), aim=aim).bare
 
 
-def _seeks(joint: Joint) -> bool:
-    return SKEW in joint.places or any(member.inferred for member in joint.members)
-
-
 def by_members(at: Fitted) -> Array:
     """What each member adds; what shows only beside another is its own, and not a part of that one as well."""
     parts = np.concatenate([p.members for p in at.joint.all_predicted(at.x[None, :])], axis=1)
@@ -258,165 +247,6 @@ def by_members(at: Fitted) -> Array:
         if beside and not member.shown_beside(frozenset()):
             parts[beside[0]] -= own
     return parts
-
-
-def _starts(joint: Joint, start: Fitted | None, hides: bool) -> list[Array]:
-    """Where the fit of a set may begin: from another set's, what joins that at its usual size or not there yet.
-
-    Or, beside other effects, with the numbers that suit these best.
-
-    A fit without a driver that nobody recorded has put what that does where it does not belong, into the lab's errors
-    and the flights' starts: where it ``hides``, from what was known before as well.
-    """
-    if start is None:
-        return [_carried(joint, None)]
-    there = {member.id for member in start.joint.members}
-    joining = [member for member in joint.members if member.id not in there]
-    fresh = [_carried(joint, None)] if hides else []
-    beside = [across(joint, start)] if there and joining and not hides else []
-    return [_carried(joint, start), *(_absent(joint, start, member) for member in joining), *fresh, *beside]
-
-
-def _hides(joint: Joint, start: Fitted | None) -> bool:
-    """Whether what joins a fit has a driver that nobody recorded.
-
-    Such an effect has no slope at no effect: which way the driver has to go shows only once the effect is there, and a
-    fit from none of it may stay there.
-    """
-    there = set() if start is None else {member.id for member in start.joint.members}
-    return any(member.inferred and member.id not in there for member in joint.members)
-
-
-def _vanished(at: Fitted) -> bool:
-    """Whether a member of a fit has come to nothing."""
-    values = at.joint.values(at.x[None, :])
-    return any(
-        all(np.all(values[u.name] == u.declared.absent) for u in member.amplitudes()) for member in at.joint.members
-    )
-
-
-def _carried(joint: Joint, start: Fitted | None) -> Array:
-    """A start for a set: what another set's fit found, where both have it."""
-    x = joint.unknowns.start.copy()
-    if start is not None:
-        known = {b.name: start.x[start.joint.unknowns.slice_of(b.name)] for b in start.joint.unknowns.blocks}
-        # A fit that lacked what this one has may have bent the lab's errors far to make up for it: a poor start.
-        bent = _bends_the_lab(start)
-        for block in joint.unknowns.blocks:
-            if block.name in known and not (bent and block.name.startswith("lab_")):
-                x[joint.unknowns.slice_of(block.name)] = known[block.name]
-    return x
-
-
-def _bends_the_lab(at: Fitted) -> bool:
-    """Whether a fit lays on any error of the lab far more than the lab leaves open."""
-    return bool(np.any(np.abs(at.joint.unknowns.pulls(at.x)[0][at.joint.of_lab]) > _BENT))
-
-
-def _colder(joint: Joint) -> Array:
-    """A start from what was known before, but all flights as cold as they may well have been.
-
-    Where a cold pack is fitted from a warm one, other numbers are first to take what the cold does, and keep it.
-    """
-    x = joint.unknowns.start.copy()
-    air = [u.name for member in joint.members for u in member.unknowns if u.of_course and u.apart is not None]
-    for where in map(joint.places.__getitem__, air):
-        x[where] = np.maximum(x[where] - _COLD_SDS * joint.scale[where], joint.unknowns.low[where])
-    return x
-
-
-def _absent(joint: Joint, start: Fitted, candidate: Candidate) -> Array:
-    """The smaller set's fit with the candidate added at no effect."""
-    x = _carried(joint, start)
-    for u in candidate.amplitudes():
-        x[joint.unknowns.slice_of(u.name)] = u.declared.absent
-    return x
-
-
-@dataclass(frozen=True, slots=True)
-class Geometry:
-    """A candidate's numbers at no effect, all others free; in standard deviations of its prior."""
-
-    information: Array
-    directions: Array  # (rows, numbers) in whitened residuals: the score is these times the residuals
-
-
-def candidate_geometry(at: Fitted, joint: Joint, candidate: Candidate) -> Geometry:
-    """What the residuals of a fit say of a candidate added to it."""
-    return geometry_of(at, _slope(at, joint, candidate))[0]
-
-
-def _slope(at: Fitted, joint: Joint, candidate: Candidate) -> Array:
-    return np.vstack(joint.slopes_of(candidate, _absent(joint, at, candidate), at.noise))
-
-
-def geometry_of(at: Fitted[ProblemT], own: Array) -> tuple[Geometry, Array]:
-    """Numbers of these slopes (rows, numbers) added to a fit, and their score."""
-    both = at.back(own)
-    across = np.asarray(np.linalg.solve(at.known_curvature, both), dtype=float)
-    # Where the fit stands, what is known before of its own numbers pulls as hard as the residuals do: the residuals
-    # along those numbers are not for the candidate to lose.
-    score = across.T @ at.gradient - own.T @ at.weighted
-    return Geometry(own.T @ own - both.T @ across, at.along(across) - own), score
-
-
-def _linear_gain(at: Fitted, joint: Joint, candidate: Candidate) -> float:
-    found, score = geometry_of(at, _slope(at, joint, candidate))
-    # Effects at their typical size, not at none: the pull of the prior is left out of the expectation.
-    return one_step(found.information, score)[1]
-
-
-def expected_snr(at: Fitted, joint: Joint, candidate: Candidate) -> float:
-    """Standard deviations by which the candidate at its usual size would stand out of noise and lab errors."""
-    found, _ = geometry_of(at, _usual(at, joint, candidate))
-    return float(np.sqrt(max(float(found.information[0, 0]), 0.0)))
-
-
-def _usual(at: Fitted, joint: Joint, candidate: Candidate) -> Array:
-    """By what the whitened residuals change (rows, 1) when the candidate joins a fit at its usual size."""
-    absent = _absent(joint, at, candidate)
-    usual = absent.copy()
-    for u in candidate.amplitudes():
-        usual[joint.unknowns.slice_of(u.name)] = u.usual
-    with_it, without = (np.concatenate(joint.residuals(x, at.noise)) for x in (usual, absent))
-    return (with_it - without)[:, None]
-
-
-def saturated_noise(at: Fitted, candidates: Sequence[Candidate]) -> Noise:
-    """Noise of what is left when everything that any candidate could explain is taken out of a fit's residuals."""
-    joint = at.joint
-    plain = Noise(0.0, 0.0, 1.0)
-    rows, slopes = joint.linearised(at.x, plain)
-    parts = [[s.by] for s in slopes]
-    places = [[s.at] for s in slopes]
-    held, numbers = at.x.size, at.x.size
-    there = {member.id for member in joint.members}
-    for candidate in (c for c in candidates if c.id not in there):
-        wider = Joint(joint.lab, joint.flights, (*joint.members, candidate))
-        numbers += wider.unknowns.start.size - at.x.size
-        added = wider.slopes_of(candidate, _absent(wider, at, candidate), plain)
-        for k, slope in enumerate(added):
-            felt = np.flatnonzero(slope.any(axis=0))
-            parts[k].append(slope[:, felt])
-            places[k].append(held + felt)
-        held += added[0].shape[1]
-    design = [Slopes(np.hstack(by), np.concatenate(where), held) for by, where in zip(parts, places, strict=True)]
-    # The mean over all numbers: those by which a candidate's form may be off do nothing at no effect.
-    ridge = 1e-6 * sum(float(np.sum(d.by**2)) for d in design) / numbers
-    square, score = ridge * np.eye(held), np.zeros(held)
-    # The rested voltage, where there is one, comes after a flight's samples and is no noise of them.
-    flown = [
-        (own.until(f.time_s.size), row[: f.time_s.size])
-        for own, row, f in zip(design, rows, joint.flights, strict=True)
-    ]
-    for own, row in flown:
-        own.add_square(square)
-        score += own.back(row)
-    sizes = np.asarray(np.linalg.solve(square, score), dtype=float)
-    left = [row - own.along(sizes) for own, row in flown]
-    noise = estimated(left, joint.lab.series * _FLOOR_V)
-    poor = float(np.clip(joint.lab.voltage_error_v / _USUAL_V, 1.0, MOST_DOUBT)) if joint.lab.identified else 1.0
-    return replace(noise, sudden=SUDDEN, doubt=doubt_of_alike(len(left)) * poor)
 
 
 def search(base: Joint, candidates: Sequence[Candidate], progress: Progress = lambda _: None, cores: int = 1) -> Search:
@@ -498,14 +328,14 @@ def _begun(found: Search, candidate: Candidate, largest: Names) -> Candidate:
         return replace(at.joint, members=(*at.joint.members, tried))
 
     def by_one_step(tried: Candidate) -> float:
-        return max(_linear_gain(at, beside(at, tried), tried) for at in places)
+        return max(linear_gain(at, beside(at, tried), tried) for at in places)
 
     def by_fit(tried: Candidate) -> float:
         # Without what is looked for, a fit may have bent the others and the lab's errors far: one step tells little.
         nats = []
         for at in places:
             joint = beside(at, tried)
-            there = fit(joint, at.noise, _carried(joint, at))
+            there = fit(joint, at.noise, carried(joint, at))
             nats.append(there.evidence(found.inflation) - NATS * len(at.joint.members))
         return max(nats)
 
@@ -522,7 +352,7 @@ def _look_round(found: Search) -> None:
     """
     alone = [names for names in found.fits if len(names) == 1]
     bare: Names = frozenset()
-    followed = found.fits[bare].misfit <= 1.0 and not _bends_the_lab(found.fits[bare])
+    followed = found.fits[bare].misfit <= 1.0 and not bends_the_lab(found.fits[bare])
     if not alone or (followed and not any(_earns_its_place(found, names) for names in alone)):
         return
     found.look_by_equation(alone)

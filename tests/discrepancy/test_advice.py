@@ -11,8 +11,9 @@ from discrepancy.flown import base, catalogue, flown, searching
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.advice import advice
 from bhm_service.discrepancy.decoys import contests
+from bhm_service.discrepancy.first_order import expected_snr
 from bhm_service.discrepancy.manoeuvres import MENU
-from bhm_service.discrepancy.search import LEAST_SNR, Search, expected_snr, search
+from bhm_service.discrepancy.search import LEAST_SNR, Search, search
 from bhm_service.discrepancy.selection import NOTHING, Selection
 
 WARMTH = frozenset({"resistance-temperature"})

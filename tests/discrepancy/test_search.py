@@ -22,8 +22,9 @@ from discrepancy.flown import (
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.explain import Request, explain
+from bhm_service.discrepancy.first_order import saturated_noise
 from bhm_service.discrepancy.fitting import fit
-from bhm_service.discrepancy.search import Search, needed, saturated_noise, search
+from bhm_service.discrepancy.search import Search, needed, search
 from bhm_service.discrepancy.selection import select, share
 
 FLOWN = [*((name, "circ") for name in SIZES), ("resistance-growth", "chem")]

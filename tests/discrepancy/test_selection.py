@@ -10,7 +10,8 @@ from discrepancy.flown import AMBIENT_K, flown, off_by_its_curve, searching, tol
 from discrepancy.unrecorded import days, warmed
 
 from bhm_service.battery.effects import EFFECTS
-from bhm_service.discrepancy.search import NATS, STRONG, expected_snr
+from bhm_service.discrepancy.first_order import expected_snr
+from bhm_service.discrepancy.search import NATS, STRONG
 from bhm_service.discrepancy.selection import MUCH, select, share
 from bhm_service.discrepancy.sidecar import Notes
 

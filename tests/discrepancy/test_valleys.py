@@ -86,3 +86,18 @@ def test_another_model_of_the_cell_begins_with_the_size_that_was_found():
     assert other.x[other.joint.places[number]] == pytest.approx(size, rel=0.1)
     by_itself = witness(base.lab, base, tried).fitted(names)
     assert by_itself.x[other.joint.places[number]] != pytest.approx(size, rel=0.2)
+
+
+def test_what_is_behind_for_the_way_it_came_is_fitted_from_the_valley_of_its_rival():
+    """Over these flights a load past the sensor and an offset of the sensor do the same."""
+    load, shift, bare = frozenset({"unseen-load"}), frozenset({"current-offset"}), frozenset()
+    flights = tuple(begun_at(1.0, k, STEPPED, [EFFECTS["unseen-load"](current=2.5)]) for k in range(3))
+    lab = told_its_form(lab_of(replace(BATTERY, circ=STEPPED), "circ", None, None))
+    found = Search(Joint(lab, flights), tuple(catalogue(flights, only=load | shift)), noise_model())
+    found.fitted(bare)
+    for names in (load, shift):
+        found.fitted(names, found.fits[bare])
+    found.look_by_equation([load])
+    assert found.evidence(load) > found.evidence(shift) + 100.0
+    found.look_across(load, [shift])
+    assert found.evidence(load) == pytest.approx(found.evidence(shift), abs=20.0)

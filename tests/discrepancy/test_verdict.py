@@ -11,7 +11,7 @@ from bhm_service.battery.effects import EFFECTS
 from bhm_service.battery.uncertainty import Uncertainty
 from bhm_service.discrepancy.decision import told_from_lab
 from bhm_service.discrepancy.explain import Request, explain
-from bhm_service.discrepancy.search import saturated_noise
+from bhm_service.discrepancy.first_order import saturated_noise
 from bhm_service.discrepancy.verdict import beyond_lab
 
 NONE = frozenset()
