@@ -206,11 +206,8 @@ def predicted_from_quarter(joint: Joint, learnt: Fitted | None, index: int, nois
     data = joint.flights[index]
     quarter = data.part(slice(0, _unseen_from(data)))
     seen = subset(replace(joint, flights=_put(joint.flights, index, _alone(quarter))), [index])
-    x = seen.unknowns.start.copy()
-    if learnt is not None:
-        for block in learnt.joint.unknowns.blocks:
-            if block.name not in joint.per_flight:
-                x[seen.unknowns.slice_of(block.name)] = learnt.x[learnt.joint.unknowns.slice_of(block.name)]
+    shared = [] if learnt is None else [name for name in learnt.joint.places if name not in joint.per_flight]
+    x = seen.unknowns.start if learnt is None else learnt.into(seen, shared)
     moving = [*seen.per_flight, *([] if learnt is None else _untold(learnt))]
     own = fit(seen, noise, x, rounds=6, moving=moving)
     full = subset(replace(joint, flights=_put(joint.flights, index, _alone(data))), [index])

@@ -17,7 +17,6 @@ from bhm_service.discrepancy.lab import Lab
 from bhm_service.discrepancy.noise import Noise
 from bhm_service.discrepancy.search import Names, Search
 from bhm_service.discrepancy.valleys import fit_over_valleys
-from bhm_service.units import Array
 
 
 @dataclass(slots=True)
@@ -60,7 +59,8 @@ class Witness:
         joint = replace(self.base, members=members)
         starts = [joint.unknowns.start, *([] if self.near is None else [self.near.fitted(names).x])]
         if self.other is not None:
-            starts.append(_sized(joint, self.other.fitted(names)))
+            numbers = (u.name for member in members for u in member.unknowns)
+            starts.append(self.other.fitted(names).into(joint, numbers))
         first = min((fit_over_valleys(joint, rough, start) for start in starts), key=lambda found: found.cost)
         noise = saturated_noise(first, ())
         lab = self.lab.widened(lambda name: first.joint.pulled(name, first.x))
@@ -68,14 +68,6 @@ class Witness:
         found.fitted(names, first)
         self._searches[names] = found
         return found
-
-
-def _sized(joint: Joint, found: Fitted) -> Array:
-    """A start (n,) from what was known before, but for the members' numbers: these as they were ``found``."""
-    x = joint.unknowns.start.copy()
-    for u in (u for member in joint.members for u in member.unknowns if u.name in found.joint.places):
-        x[joint.places[u.name]] = found.x[found.joint.places[u.name]]
-    return x
 
 
 def witness(

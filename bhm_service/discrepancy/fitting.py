@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Generic, Protocol
@@ -147,6 +147,14 @@ class Fitted(Generic[ProblemT]):
     def bare(self: Fitted[Joint]) -> Bare:
         """What it found, without its flights."""
         return Bare(self.joint.lean, self.x, self.cost, self.rows, self.curvature, self.gradient)
+
+    def into(self: Fitted[Joint], joint: Joint, names: Iterable[str]) -> Array:
+        """A hypothesis's vector (n,): as found of these blocks, where both have them, all else as known before."""
+        x = joint.unknowns.start.copy()
+        for name in names:
+            if name in joint.places and name in self.joint.places:
+                x[joint.places[name]] = self.x[self.joint.places[name]]
+        return x
 
     def evidence(self: Fitted[Joint], inflation: float) -> float:
         """Laplace's approximation of the log evidence, but for what all hypotheses on these flights share. [nats]

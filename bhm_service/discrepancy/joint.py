@@ -184,6 +184,11 @@ class Joint:
             begin += block.size
         return found
 
+    def beyond(self, other: Joint | None) -> tuple[Candidate, ...]:
+        """Its members that another hypothesis lacks."""
+        there = set() if other is None else {member.id for member in other.members}
+        return tuple(member for member in self.members if member.id not in there)
+
     @cached_property
     def scale(self) -> Array:
         """Standard deviation of what was known before, of every number."""

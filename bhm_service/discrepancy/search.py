@@ -74,7 +74,7 @@ def share_asked(name: str, told: bool) -> float:
 
 @dataclass(slots=True)
 class Search:
-    """Fits of sets of candidates on the same flights and noise, each made once."""
+    """Fits of sets of candidates on the same flights and noise, each made once, and again where a look finds better."""
 
     base: Joint
     candidates: tuple[Candidate, ...]
@@ -173,9 +173,7 @@ class Search:
         if names not in self._alone:
             at = self.fitted(names)
             own = [u.name for member in at.joint.members for u in member.unknowns]
-            x = at.joint.unknowns.start.copy()
-            for name in own:
-                x[at.joint.places[name]] = at.x[at.joint.places[name]]
+            x = at.into(at.joint, own)
             # What is slow here, and nothing's to explain but the lab's, would put a skew anywhere.
             moving = [name for name in own if name != SKEW]
             self._alone[names] = by_members(fit(replace(at.joint, lean={}), self.noise, x, moving=moving))
@@ -353,14 +351,10 @@ def _look_round(found: Search) -> None:
     alone = [names for names in found.fits if len(names) == 1]
     bare: Names = frozenset()
     followed = found.fits[bare].misfit <= 1.0 and not bends_the_lab(found.fits[bare])
-    if not alone or (followed and not any(_earns_its_place(found, names) for names in alone)):
+    if not alone or (followed and all(found.evidence(n) < found.needed(name, n) for n in alone for name in n)):
         return
     found.look_by_equation(alone)
     found.look_across(max(alone, key=found.evidence), [bare])
-
-
-def _earns_its_place(found: Search, alone: Names) -> bool:
-    return found.evidence(alone) >= sum(found.needed(name, alone) for name in alone)
 
 
 def _grow(found: Search, depth: int, progress: Progress) -> None:

@@ -29,10 +29,9 @@ def starts_of(joint: Joint, start: Fitted | None, hidden: bool) -> list[Array]:
     """
     if start is None:
         return [carried(joint, None)]
-    there = {member.id for member in start.joint.members}
-    joining = [member for member in joint.members if member.id not in there]
+    joining = joint.beyond(start.joint)
     fresh = [carried(joint, None)] if hidden else []
-    beside = [across(joint, start)] if there and joining and not hidden else []
+    beside = [across(joint, start)] if start.joint.members and joining and not hidden else []
     return [carried(joint, start), *(absent(joint, start, member) for member in joining), *fresh, *beside]
 
 
@@ -42,8 +41,7 @@ def hides(joint: Joint, start: Fitted | None) -> bool:
     Such an effect has no slope at no effect: which way the driver has to go shows only once the effect is there, and a
     fit from none of it may stay there.
     """
-    there = set() if start is None else {member.id for member in start.joint.members}
-    return any(member.inferred and member.id not in there for member in joint.members)
+    return any(member.inferred for member in joint.beyond(None if start is None else start.joint))
 
 
 def vanished(at: Fitted) -> bool:
@@ -56,15 +54,11 @@ def vanished(at: Fitted) -> bool:
 
 def carried(joint: Joint, start: Fitted | None) -> Array:
     """A start for a set: what another set's fit found, where both have it."""
-    x = joint.unknowns.start.copy()
-    if start is not None:
-        known = {b.name: start.x[start.joint.unknowns.slice_of(b.name)] for b in start.joint.unknowns.blocks}
-        # A fit that lacked what this one has may have bent the lab's errors far to make up for it: a poor start.
-        bent = bends_the_lab(start)
-        for block in joint.unknowns.blocks:
-            if block.name in known and not (bent and block.name.startswith("lab_")):
-                x[joint.unknowns.slice_of(block.name)] = known[block.name]
-    return x
+    if start is None:
+        return joint.unknowns.start.copy()
+    # A fit that lacked what this one has may have bent the lab's errors far to make up for it: a poor start.
+    bent = bends_the_lab(start)
+    return start.into(joint, (name for name in start.joint.places if not (bent and name.startswith("lab_"))))
 
 
 def bends_the_lab(at: Fitted) -> bool:

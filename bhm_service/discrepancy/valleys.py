@@ -70,12 +70,7 @@ def by_equation(joint: Joint, noise: Noise) -> Array:
 
 def across(joint: Joint, other: Fitted) -> Array:
     """A start (n,) in the valley of another hypothesis's fit, what joins that at the numbers that suit it best."""
-    x = joint.unknowns.start.copy()
-    for block in other.joint.unknowns.blocks:
-        if block.name in joint.places:
-            x[joint.places[block.name]] = other.x[other.joint.places[block.name]]
-    there = {member.id for member in other.joint.members}
-    return _joined(joint, [member for member in joint.members if member.id not in there], x, other.noise)
+    return _joined(joint, joint.beyond(other.joint), other.into(joint, other.joint.places), other.noise)
 
 
 def _joined(joint: Joint, joining: Sequence[Candidate], x: Array, noise: Noise) -> Array:

@@ -31,6 +31,11 @@ STEPPED = with_steps(_STEP, 0.003)
 GRAPHITE = with_steps(0.05, 0.006)
 
 
+def over(flights, cell):
+    """The battery as it is, with such a cell, over flights; its lab told its form."""
+    return Joint(told_its_form(lab_of(replace(BATTERY, circ=cell), "circ", None, None)), tuple(flights))
+
+
 def begun_at(soc, number, cell=STEPPED, effects=()):
     """A flight of a pack with such a curve that began with so much charge."""
     flight = flown(seed=5, number=number)
@@ -45,8 +50,7 @@ def begun_at(soc, number, cell=STEPPED, effects=()):
 
 @pytest.mark.parametrize("soc", [0.985, 0.988, 1.0])
 def test_a_charge_short_of_full_is_found_though_a_step_further_all_looks_alike(soc):
-    lab = told_its_form(lab_of(replace(BATTERY, circ=STEPPED), "circ", None, None))
-    joint = Joint(lab, tuple(begun_at(soc, number) for number in range(4)))
+    joint = over((begun_at(soc, number) for number in range(4)), STEPPED)
     found = Search(joint, (), noise_model()).fitted(frozenset())
     assert found.x[joint.places[STARTS]] == pytest.approx(soc, abs=0.001)
     nearest = fit(joint, noise_model()).x[joint.places[STARTS]]
@@ -67,8 +71,7 @@ def searched(name, tried):
     """
     number, size = LARGE[name]
     flights = tuple(begun_at(1.0, k, GRAPHITE, [EFFECTS[name](**{number: size})]) for k in range(3))
-    lab = told_its_form(lab_of(replace(BATTERY, circ=GRAPHITE), "circ", None, None))
-    return Joint(lab, flights), catalogue(flights, only=tried), f"{name}.{number}", size
+    return over(flights, GRAPHITE), catalogue(flights, only=tried), f"{name}.{number}", size
 
 
 @pytest.mark.parametrize("name", LARGE)
@@ -92,8 +95,7 @@ def test_what_is_behind_for_the_way_it_came_is_fitted_from_the_valley_of_its_riv
     """Over these flights a load past the sensor and an offset of the sensor do the same."""
     load, shift, bare = frozenset({"unseen-load"}), frozenset({"current-offset"}), frozenset()
     flights = tuple(begun_at(1.0, k, STEPPED, [EFFECTS["unseen-load"](current=2.5)]) for k in range(3))
-    lab = told_its_form(lab_of(replace(BATTERY, circ=STEPPED), "circ", None, None))
-    found = Search(Joint(lab, flights), tuple(catalogue(flights, only=load | shift)), noise_model())
+    found = Search(over(flights, STEPPED), tuple(catalogue(flights, only=load | shift)), noise_model())
     found.fitted(bare)
     for names in (load, shift):
         found.fitted(names, found.fits[bare])
