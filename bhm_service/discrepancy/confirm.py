@@ -80,16 +80,18 @@ def _pooled(parts: list[tuple[float, int]]) -> float:
 
 @dataclass(slots=True)
 class Unseen:
-    """Voltages of flights that no fit saw, from the others; each made once."""
+    """Voltages of flights that no fit saw, from the others; each made once of a fit."""
 
     found: Search
     _sets: dict[Names, list[Array]] = field(default_factory=dict)
+    _of: dict[Names, Fitted] = field(default_factory=dict, init=False)  # a look may have found a better one since
     _bare: list[Array] = field(default_factory=list, init=False)
 
     def by(self, names: Names) -> list[Array]:
         """With a set of effects. [V]"""
-        if names not in self._sets:
-            self.found.fitted(names)  # before they part: all of them need it
+        fitted = self.found.fitted(names)  # before they part: all of them need it
+        if names not in self._sets or self._of.get(names, fitted) is not fitted:
+            self._of[names] = fitted
             tasks = [partial(_predicted, self.found, names, k) for k in range(len(self.found.base.flights))]
             self._sets[names] = on_cores(tasks, self.found.cores)
         return self._sets[names]

@@ -152,6 +152,15 @@ def test_a_flight_in_which_a_contact_fails_unforeseen_does_not_speak_against_it(
     assert harmful(foretold_worse_by([0.02, 0.02, 0.02, 0.02]), name)
 
 
+def test_what_a_fit_foretells_is_foretold_anew_where_a_better_one_is_found():
+    found = searching(FLIGHTS, FADE)
+    unseen = Unseen(found)
+    once = unseen.by(FADE)
+    assert unseen.by(FADE) is once
+    found.fits[FADE] = replace(found.fits[FADE])
+    assert unseen.by(FADE) is not once
+
+
 def test_two_flights_are_too_few_to_hold_one_out():
     assert held_out(Unseen(searching(FLIGHTS[:2], FADE)), FADE) is None
 
