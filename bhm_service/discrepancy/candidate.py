@@ -128,6 +128,7 @@ class Candidate:
     fixed: Mapping[str, Sequence[float]] = field(default_factory=dict)  # numbers that the flights themselves give
     inferred: tuple[str, ...] = ()  # drivers that are carried as hidden states
     price: float = 0.0  # [nats] of having been looked for in many places
+    credit: float = 0.0  # [nats] that it has from what is measured beside the pack's voltage
 
     def blocks(self, flights: int) -> list[Block]:
         """The unknowns that it adds."""

@@ -29,7 +29,8 @@ _UNTOLD = 0.7  # of what was known before: flights that leave a size no better k
 _FEWEST = 3  # flights
 # Times the error of the battery as it is, on unseen flights: what an explanation has to reach, as what is identified.
 _IMPROVED = 0.95
-_NO_WORSE = 1.005  # the same of what lasts for seconds, or begins when nobody can know
+# The same of what lasts for seconds or begins when nobody can know, and of what is measured beside the pack's voltage.
+_NO_WORSE = 1.005
 _FAINT = 3.0  # times what a member has to earn
 _BETTER = 0.1  # of the error on unseen flights: a member whose removal brings this is no explanation
 
@@ -112,7 +113,8 @@ def harmful(unseen: Unseen, names: Names) -> bool:
         return False
     whole = _error(found, unseen.by(names))
     brief = names <= BRIEF
-    worse = whole > (_NO_WORSE if brief else _IMPROVED) * _error(found, unseen.as_it_is())
+    little = brief or found.measured(names)
+    worse = whole > (_NO_WORSE if little else _IMPROVED) * _error(found, unseen.as_it_is())
     if worse and not (brief and _no_worse_as_a_rule(unseen, names)):
         return True
     earned = found.earned(names)

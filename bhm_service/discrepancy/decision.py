@@ -87,9 +87,11 @@ def told_from_lab(found: Search, names: Names) -> bool:
 
     What a model leaves of the lab's own recordings it leaves in flight as well, and to what it leaves some effect of
     a catalogue is always near. Where the lab told where it is off, and how far, an effect has beaten that already. And
-    it lasts: what is there for seconds only is none of it, however little.
+    it lasts: what is there for seconds only is none of it, however little. Nor is what is measured beside the voltage
+    of the pack.
     """
-    return found.base.lab.form_told or verdict.beyond_lab(found) or bool(names & BRIEF)
+    told = found.base.lab.form_told or verdict.beyond_lab(found)
+    return told or bool(names & BRIEF) or found.measured(names)
 
 
 def _witnessed(found: Search, earned: Mapping[str, float]) -> bool:

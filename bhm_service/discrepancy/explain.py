@@ -13,6 +13,7 @@ from bhm_service.config import Vehicle
 from bhm_service.discrepancy import verdict
 from bhm_service.discrepancy.advice import advice
 from bhm_service.discrepancy.candidate import Candidate, NotExcited, candidates, known_drivers
+from bhm_service.discrepancy.cells import with_cells
 from bhm_service.discrepancy.confirm import Unseen, held_out
 from bhm_service.discrepancy.courses import courses_of
 from bhm_service.discrepancy.crossing import Witness, witness
@@ -147,7 +148,9 @@ def _lab(request: Request, model: ModelName, flights: Sequence[FlightData]) -> L
 def _tried(lab: Lab, flights: Sequence[FlightData]) -> tuple[list[Candidate], list[NotExcited]]:
     energy_wh = _CELL_V * lab.series * lab.capacity_c / SECONDS_PER_HOUR
     joined = [e.id for e in lab.effects]
-    return candidates(flights, lab.model, energy_wh, lab.identified, joined, lab.capacity_c, lab.series)
+    tried, missing = candidates(flights, lab.model, energy_wh, lab.identified, joined, lab.capacity_c, lab.series)
+    told, alike = with_cells(tried, lab, flights)
+    return told, missing + alike
 
 
 def _not_excited(found: Search, tried: Sequence[Candidate], chosen: Names) -> list[NotExcited]:

@@ -47,6 +47,7 @@ class FlightData:
     notes: Notes = Notes()
     cold_board_k: float | None = None  # of the barometer's board, soon after the autopilot's boot
     board_k: Array | None = None  # the same all along; NaN where not recorded
+    cells_v: Array | None = None  # of each cell (T, series), NaN where not measured; None: of the pack only
     shifts_a: Array | None = None  # (shifts, T), see `shifted_a`; None: the samples' own tell it
 
     @property
@@ -84,6 +85,8 @@ class FlightData:
         def mean(series: Array) -> Array:
             return np.asarray(blocks(series).mean(axis=1))
 
+        cells = None if self.cells_v is None else np.stack([mean(cell) for cell in self.cells_v.T], axis=1)
+
         return replace(
             self,
             time_s=mean(self.time_s),
@@ -97,6 +100,7 @@ class FlightData:
             speed_mps=mean(self.speed_mps),
             pressure_pa=mean(self.pressure_pa),
             board_k=None if self.board_k is None else mean(self.board_k),
+            cells_v=cells,
         )
 
     def part(self, where: slice) -> FlightData:
@@ -110,7 +114,8 @@ class FlightData:
         kelvin = None if self.temperature_k is None else self.temperature_k[where]
         board = None if self.board_k is None else self.board_k[where]
         shifts = None if self.shifts_a is None else self.shifts_a[:, where]
-        return replace(self, temperature_k=kelvin, board_k=board, shifts_a=shifts, **cut)
+        cells = None if self.cells_v is None else self.cells_v[where]
+        return replace(self, temperature_k=kelvin, board_k=board, shifts_a=shifts, cells_v=cells, **cut)
 
 
 def usual_step_s(flights: Sequence[FlightData]) -> float:
@@ -241,6 +246,7 @@ def _flight(
         notes=notes,
         cold_board_k=recording.cold_board_k,
         board_k=recording.board_k[part],
+        cells_v=None if recording.cells_v is None else recording.cells_v[part],
     )
     without = [_PARTIAL.format(int(partial.sum()), volts.size)] if partial.any() else []
     seen = before_unseen_landing(time_s[known], current[known])

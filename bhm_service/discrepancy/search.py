@@ -186,11 +186,19 @@ class Search:
         # What all of them need is made before they part.
         _ = at.known_curvature, at.weighted
         tasks = [partial(linear_gain, at, self.joint(names | {c.id}), c) for c in others]
-        return dict(zip([c.id for c in others], on_cores(tasks, self.cores), strict=True))
+        return {c.id: nats + c.credit for c, nats in zip(others, on_cores(tasks, self.cores), strict=True)}
 
     def needed(self, name: str, names: Names = frozenset()) -> float:
         """What a member of a set has to earn on these flights. [nats]"""
         return STRONG if name in self.laws else needed(name, self.base.lab.form_told, alone=names == {name})
+
+    def credit(self, names: Names) -> float:
+        """Of a set's evidence, what it has from what is measured beside the pack's voltage. [nats]"""
+        return sum(c.credit for c in self.candidates if c.id in names)
+
+    def measured(self, names: Names) -> bool:
+        """Whether every member of a set may be heard by what is measured beside the pack's voltage alone."""
+        return all(self.credit(frozenset({name})) > self.heard(name) for name in names)
 
     def heard(self, name: str) -> float:
         """What a member has to have at least by its own equation, and with another cell model. [nats]"""
@@ -219,7 +227,7 @@ class Search:
         """Of a set, against none. [nats]"""
         by = self.inflation
         price = sum(c.price for c in self.candidates if c.id in names)
-        return self.fitted(names).evidence(by) - self.fitted(frozenset()).evidence(by) - price
+        return self.fitted(names).evidence(by) - self.fitted(frozenset()).evidence(by) + self.credit(names) - price
 
     def ranked(self) -> list[Names]:
         """All sets, the best first."""
@@ -256,7 +264,7 @@ def search(base: Joint, candidates: Sequence[Candidate], progress: Progress = la
     at = found.fitted(frozenset(), start)
     alone = [c for c in candidates if c.shown_beside(frozenset())]
     found.snr = {c.id: expected_snr(at, found.joint(frozenset({c.id})), c) for c in alone}
-    found.candidates = tuple(c for c in alone if found.snr[c.id] > _TRIED_SNR or c.inferred)
+    found.candidates = tuple(c for c in alone if found.snr[c.id] > _TRIED_SNR or c.inferred or c.credit)
     _grow(found, depth=1, progress=progress)
     _join_shown(found, [c for c in candidates if c not in alone])
     best = found.fits[_largest(found)]

@@ -220,16 +220,22 @@ def _explains(found: Search, names: Names) -> bool:
 
     A set can earn much by what it lets the lab's errors do, while its equations hardly come near the misfit without
     them: its evidence counts as far as the equations go. What the lab was off by besides may be the larger part.
-    Of a pack that no lab has seen there is no telling: what its battery is off by is mostly the lab's error.
+    Of a pack that no lab has seen there is no telling: what its battery is off by is mostly the lab's error. What is
+    measured beside the pack's voltage need not explain much of that.
     """
     if not found.base.lab.identified:
         return True
     whole, *others = _shares(found, names)
     earned = found.earned(names)
     members = [member.id for member in found.joint(names).members]
-    each = all(alone * earned[name] > found.heard(name) for name, alone in zip(members, others, strict=True))
+    beside = {name: found.credit(frozenset({name})) for name in members}
+    each = all(
+        alone * (earned[name] - beside[name]) + beside[name] > found.heard(name)
+        for name, alone in zip(members, others, strict=True)
+    )
     finer = all(earned[name] >= found.structural for name in _opposed(found, names))
-    return each and finer and (whole > MUCH or _credit(found, names) > _CLAIM_NATS)
+    enough = whole > MUCH or _credit(found, names) > _CLAIM_NATS or found.measured(names)
+    return each and finer and enough
 
 
 def _opposed(found: Search, names: Names) -> list[str]:
@@ -245,8 +251,10 @@ def _opposed(found: Search, names: Names) -> list[str]:
 
 
 def _credit(found: Search, names: Names) -> float:
-    """Of a set's evidence, what its equations have by themselves. [nats]"""
-    return found.evidence(names) * (share(found, names) if found.base.lab.identified else 1.0)
+    """Of a set's evidence, what its equations have by themselves, and what is measured beside them. [nats]"""
+    beside = found.credit(names)
+    by_voltage = found.evidence(names) - beside
+    return beside + by_voltage * (share(found, names) if found.base.lab.identified else 1.0)
 
 
 def _claim(found: Search, names: Names) -> float:
@@ -303,7 +311,9 @@ def _matters(found: Search, names: Names, behind: float = 0.0) -> bool:
     volts = {name: _rms(own[own != 0.0] if name in _COMING else own) for name, own in _added_by(found, names).items()}
     series = found.base.lab.series
     told = found.base.lab.form_told
-    if any(v < series * _LEAST.get(name, LEAST_V) * share_asked(name, told) for name, v in volts.items()):
+    # What is measured cell by cell is of one of them.
+    cells = {name: 1 if found.measured(frozenset({name})) else series for name in volts}
+    if any(v < cells[name] * _LEAST.get(name, LEAST_V) * share_asked(name, told) for name, v in volts.items()):
         return False
     if volts.get("ocv-shape", np.inf) < _BEYOND * series * found.base.lab.bend_sd_v:
         return False

@@ -12,6 +12,7 @@ from bhm_service.battery.cell import Modifiers
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.battery.effects.charge_transfer import further_drop, ohmic_chord, other_bend
 from bhm_service.battery.effects.shapes import OcvShape, ResistanceShape
+from bhm_service.discrepancy.cells import lowest_cell
 from bhm_service.discrepancy.explanation import Course
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.lab import Lab
@@ -286,7 +287,9 @@ def _contact_resistance(s: Scene) -> str:
 def _weak_cell(s: Scene) -> str:
     loss, more = s.value("loss"), s.value("resistance")
     resistance = f" and {100.0 * more:.0f} % more resistance" if more > 0.005 else ""
-    return f"one cell holds {100.0 * (1.0 - loss):.0f} % of the charge of the others{resistance}: it is empty first"
+    lowest = lowest_cell(s.flights)
+    which = "one cell" if lowest is None else f"cell {lowest + 1}"
+    return f"{which} holds {100.0 * (1.0 - loss):.0f} % of the charge of the others{resistance}: it is empty first"
 
 
 def _partial_charge(s: Scene) -> str:

@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from bhm_service.mavlink.decode import measured_cells
 from bhm_service.mavlink.tlog import Skipped
 from bhm_service.messages import (
     Air,
@@ -40,7 +41,8 @@ _LETTERS: dict[str, tuple[str, float | None]] = {
     "f": ("f", None), "d": ("d", None), "g": ("e", None),
     "c": ("h", 0.01), "C": ("H", 0.01), "e": ("i", 0.01), "E": ("I", 0.01), "L": ("i", 1e-7),
 }  # fmt: skip
-_WANTED = frozenset({"BAT", "CURR", "EV", "ARM", "PARM", "BARO", "CTUN", "GPS", "CMD"})
+_WANTED = frozenset({"BAT", "BCL", "BCL2", "CURR", "EV", "ARM", "PARM", "BARO", "CTUN", "GPS", "CMD"})
+_FIRST_CELLS, _OTHER_CELLS = "BCL", "BCL2"  # up to the twelfth, and beyond
 _ARMED, _DISARMED, _LANDED, _NOT_LANDED = 10, 11, 18, 28  # LogEvent numbers
 _CENTIVOLTS_ABOVE = 80.0  # before ArduCopter 3.3 CURR counts in cV and cA: no pack has more volts than this
 _GPS_EPOCH_S = 315_964_800.0  # Unix time of 1980-01-06
@@ -94,11 +96,18 @@ class DataFlashReader:
     def __iter__(self) -> Iterator[Message]:
         offset_s, first_s = self._boot_to_unix()
         now, armed = first_s + offset_s, None
+        cells: dict[int, tuple[float, ...]] = {}
         for kind, f in self._packets():
             boot_s = _boot_s(kind, f)
             if boot_s is not None:
                 now = boot_s + offset_s
+            if kind in (_FIRST_CELLS, _OTHER_CELLS):
+                battery = int(f.get("Instance", 0))
+                cells[battery] = (() if kind == _FIRST_CELLS else cells.get(battery, ())) + _cells(f)
             for message in _decoded(kind, f, now, boot_s):
+                if isinstance(message, BatteryStatus):
+                    # They are logged after their battery, and are its next sample's.
+                    message = replace(message, cells_v=measured_cells(cells.pop(message.battery_id, ())))
                 if isinstance(message, Heartbeat):
                     armed = message.armed
                 elif armed is None and isinstance(message, BatteryStatus):
@@ -244,6 +253,12 @@ def _battery(f: dict[str, Any], time_s: float) -> BatteryStatus:
         consumed_c=None if consumed is None else consumed * 3.6,
         remaining=None if percent is None or not 0.0 <= percent <= 100.0 else percent / 100.0,
     )
+
+
+def _cells(f: dict[str, Any]) -> tuple[float, ...]:
+    """Cells [V] of a packet; they are logged as a millivolt more, so that nothing is what was not measured."""
+    columns = [name for name in f if name[:1] == "V" and name[1:].isdigit()]
+    return tuple((f[name] - 1) / 1000.0 for name in columns if f[name])
 
 
 def _event(number: int | None, time_s: float) -> list[Message]:

@@ -53,8 +53,7 @@ def pack_voltage(
     """Pack voltage [V], and the cells where they were measured one by one.
 
     A pack voltage without cells sits in the first slot and spills into the next above 65.534 V: the sum is right
-    either way. Absent cells are 65535, in the extension 0 (or 65535 from PX4 1.13-1.14). Cells that are all equal are
-    an average dealt out, no proof of balance.
+    either way. Absent cells are 65535, in the extension 0 (or 65535 from PX4 1.13-1.14).
     """
     present = [v for v in voltages if v not in (_UINT16_MAX, 0)]
     extended = [v for v in voltages_ext if v not in (_UINT16_MAX, 0)]
@@ -63,8 +62,12 @@ def pack_voltage(
     cells = [*present, *extended] if len(present) == len(voltages) else present
     total = sum(cells) / 1000.0
     spilled = present[0] == _UINT16_MAX - 1
-    measured = len(cells) > 1 and not spilled and len(set(cells)) > 1
-    return total, tuple(v / 1000.0 for v in cells) if measured else None
+    return total, None if spilled else measured_cells(tuple(v / 1000.0 for v in cells))
+
+
+def measured_cells(cells_v: tuple[float, ...]) -> tuple[float, ...] | None:
+    """Cells [V] where they were measured one by one: all equal they are an average dealt out, no proof of balance."""
+    return cells_v if len(set(cells_v)) > 1 else None
 
 
 def temperature_k(centicelsius: int) -> float | None:

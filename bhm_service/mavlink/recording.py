@@ -9,7 +9,7 @@ import numpy as np
 
 from bhm_service.errors import BadInputError
 from bhm_service.mavlink.log import Log
-from bhm_service.messages import Air, BatterySample, Message, Motion, ParameterValue, Wind
+from bhm_service.messages import Air, BatterySample, BatteryStatus, Message, Motion, ParameterValue, Wind
 from bhm_service.telemetry import (
     PackWatch,
     PhaseDetector,
@@ -51,6 +51,7 @@ class Recording:
     pressure_pa: Array
     wind_mps: Array
     board_k: Array  # of the barometer's board
+    cells_v: Array | None = None  # of each cell (.., series); None where no log tells
     flights: tuple[Flight, ...]
     pack_changes: tuple[tuple[float, str], ...]  # time and reason
     parameters: dict[str, float]
@@ -93,6 +94,8 @@ def record(log: Log, battery_id: int, series: int, capacity_c: float, airborne_a
     edges: list[tuple[float, bool, str]] = []
     changes: list[tuple[float, str]] = []
     parameters: dict[str, float] = {}
+    cells: list[tuple[float, ...]] = []  # since the last sample
+    of_cells: list[Array] = []
     air: Air | None = None  # the first that was told: a board that booted again later is a warm one
     for _, message in log.messages:
         if isinstance(message, Motion):
@@ -110,6 +113,9 @@ def record(log: Log, battery_id: int, series: int, capacity_c: float, airborne_a
             now["wind_mps"] = message.speed_mps
         elif isinstance(message, ParameterValue):
             parameters[message.name] = message.value
+        elif isinstance(message, BatteryStatus) and message.battery_id == battery_id:
+            # Of another number of cells than the pack has some are not connected, or none of them is one.
+            cells += [message.cells_v] if message.cells_v is not None and len(message.cells_v) == series else []
         sample = merger.add(message)
         for item in (message, sample):
             if item is None:
@@ -123,10 +129,12 @@ def record(log: Log, battery_id: int, series: int, capacity_c: float, airborne_a
         if sample is not None and (not times or sample.time_s > times[-1]):
             times.append(sample.time_s)
             rows.append(_row(sample, now))
+            of_cells.append(np.mean(cells, axis=0) if cells else np.full(series, np.nan))
+            cells = []
     if not rows:
         there = ", ".join(str(i) for i in sorted(battery_ids(m for _, m in log.messages))) or "none"
         raise BadInputError(str(log.path), f"battery id {battery_id}: no sample of it; ids in this log: {there}")
-    table = np.array(rows)
+    table, single = np.array(rows), np.array(of_cells)
     columns = dict(zip(_COLUMNS, table.T, strict=True))
     return Recording(
         label=log.path.stem,
@@ -135,6 +143,7 @@ def record(log: Log, battery_id: int, series: int, capacity_c: float, airborne_a
         pack_changes=tuple(changes),
         parameters=parameters,
         cold_board_k=_cold_board_k(air),
+        cells_v=single if np.isfinite(single).any() else None,
         **columns,
     )
 

@@ -58,6 +58,8 @@ def _effect(e: Explanation, found: EffectFound, words: str) -> EffectBlock:
         f"{100.0 * found.share_of_misfit:.0f} % of the squared voltage error goes with it.",
         f"Chance that noise alone makes any effect of the catalogue look as good: {_chance(found.p_familywise)}.",
     ]
+    if beside := e.search.credit(frozenset({found.id})):
+        grounds.append(f"Of its evidence {_nats(beside)} are of the voltages of single cells.")
     if found.decoys_beaten is not None:
         beaten = sum(c.beaten for c in e.contests)
         grounds.append(f"It beats {beaten} of {len(e.contests)} phantom drivers, see below.")

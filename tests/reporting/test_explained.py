@@ -168,6 +168,14 @@ def test_what_earned_less_than_is_asked_for_stands_by_a_likelier_alternative(don
     assert f"2.0 nats beyond the best explanation without it; 3 are asked for{said}." in page
 
 
+def test_evidence_that_is_measured_beside_the_packs_voltage_is_told_apart(done):
+    tried = tuple(replace(c, credit=21.0) if c.id == NAME else c for c in done.search.candidates)
+    told = replace(done, search=replace(done.search, candidates=tried))
+    said = "Of its evidence 21 nats are of the voltages of single cells."
+    assert said in outside(explained_page(told))
+    assert said not in outside(explained_page(done))
+
+
 # ---- what else it could have been -----------------------------------------------------------------------------------
 
 

@@ -1,0 +1,176 @@
+"""What the voltages of single cells, where a log has them, say of a weak one.
+
+All cells carry one current, and what a model of the pack gets wrong it gets wrong in all of them: so a weak cell stands
+out of the others where it is lost in the pack's voltage. Cells are never quite alike, though. What the lowest one lies
+below the others is explained twice, as matched cells differ and as a weak cell does; how much likelier it is then is
+the weak cell's credit, and what size it has there is all that the pack's voltage is asked to agree with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from bhm_service.battery.effects import WeakCell
+from bhm_service.battery.pack import PackModel
+from bhm_service.discrepancy.candidate import Candidate, NotExcited
+from bhm_service.discrepancy.flights import FlightData
+from bhm_service.discrepancy.lab import Lab
+from bhm_service.discrepancy.noise import Noise, estimated
+from bhm_service.discrepancy.readings import bridged
+from bhm_service.units import Array, Flags
+
+_SHARE = 0.5  # of a flight's samples that have to tell every cell
+_NUMBERS = ("loss", "resistance")
+# By how much the worst of a pack's matched cells differs from the others: capacity, resistance; and charge when full.
+_MATCHED_SDS = (0.02, 0.1)
+_BALANCED_SD = 0.005
+_OPEN_SDS = (0.3, 1.0)  # of these two, where hardly anything is known of them
+_FLOOR_V = 0.002  # [V]: no cell's voltage is measured and modelled closer
+_DOUBT = 8.0  # times a variance: what a model leaves lasts longer than any colour that its noise is given
+_FAR = 3.0  # standard deviations: beyond, an innovation counts by its size, not by its square
+_FOLLOWED = 0.1  # of a weak cell's size: closer it is not told by a curve and a charge that are off as well
+_TRIED = np.array([0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6])  # losses from which a fit may begin
+_STEP = 1e-3  # of charge, over which a curve's slope is taken
+
+
+def with_cells(
+    tried: Sequence[Candidate], lab: Lab, flights: Sequence[FlightData]
+) -> tuple[list[Candidate], list[NotExcited]]:
+    """The candidates, the weak cell as single cells tell of it; without it where these show that there is none."""
+    cell = lowest_cell(flights)
+    if cell is None or all(c.id != WeakCell.id for c in tried):
+        return list(tried), []
+    told = _told(lab, [_Seen.by(lab, f, cell) for f in flights if _tells(f)])
+    others = [c for c in tried if c.id != WeakCell.id]
+    if told.nats <= 0.0:
+        because = f"its cells were measured one by one: cell {cell + 1}, the lowest, differs as matched cells do"
+        return others, [NotExcited(WeakCell.id, because)]
+    return [told.by(c) if c.id == WeakCell.id else c for c in tried], []
+
+
+def lowest_cell(flights: Sequence[FlightData]) -> int | None:
+    """Which cell lies lowest under load, the more the less charge is left; None where no flight tells every cell."""
+    below = [_weighed(f) for f in flights if _tells(f)]
+    return int(np.argmin(np.sum(below, axis=0))) if below else None
+
+
+def _tells(data: FlightData) -> bool:
+    """Whether a flight tells more than one cell most of the time."""
+    if data.cells_v is None or data.cells_v.shape[1] < 2:
+        return False
+    return bool(np.mean(np.isfinite(data.cells_v).all(axis=1)) > _SHARE)
+
+
+def _weighed(data: FlightData) -> Array:
+    assert data.cells_v is not None
+    apart = np.nan_to_num(data.cells_v - data.cells_v.mean(axis=1, keepdims=True))
+    return np.asarray((np.clip(data.current_a, 0.0, None) * np.clip(data.charge_c, 0.0, None)) @ apart)
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """The lowest cell of one flight beside the others, and what a model makes of that."""
+
+    lab: Lab
+    data: FlightData
+    below_v: Array  # (T,), straight where it is not known
+    known: Flags
+    bare_v: Array  # (T,) of the pack without a weak cell
+    soc: float  # at the start
+    slope: Array  # (T,) of the curve [V]
+
+    @classmethod
+    def by(cls, lab: Lab, data: FlightData, cell: int) -> _Seen:
+        assert data.cells_v is not None
+        others = np.delete(data.cells_v, cell, axis=1)
+        below = data.cells_v[:, cell] - others.mean(axis=1)
+        known = np.isfinite(below)
+        soc = 1.0 if data.reading is None else data.reading
+        pack = PackModel(lab.cell, lab.series, lab.parallel, lab.effects)
+        run = pack.simulate(data.time_s, data.current_a, soc, data.temperature_k)
+        ends = [np.asarray(lab.cell.open_circuit(np.clip(run.soc + s, 0.0, 1.0))) for s in (-_STEP, _STEP)]
+        slope = np.broadcast_to((ends[1] - ends[0]) / (2.0 * _STEP), below.shape)
+        bare = np.broadcast_to(run.voltage, below.shape)
+        return cls(lab, data, bridged(below, known), known, bare, soc, slope)
+
+    def left(self, sizes: Array, unbalanced: float) -> Array:
+        """What weak cells of these sizes (M, 2), so much fuller than the others when full, leave [V]; (M, T)."""
+        loss, resistance = sizes[:, 0, None], sizes[:, 1, None]
+        effects = (*self.lab.effects, WeakCell(loss=loss, resistance=resistance))
+        pack = PackModel(self.lab.cell, self.lab.series, self.lab.parallel, effects)
+        run = pack.simulate(self.data.time_s, self.data.current_a, self.soc, self.data.temperature_k)
+        return np.asarray(self.below_v - (run.voltage - self.bare_v) - unbalanced * self.slope)
+
+
+@dataclass(frozen=True, slots=True)
+class _Sizes:
+    """What a weak cell has by the cells' voltages, and how much likelier that is than cells that are matched."""
+
+    mean: Array  # (2,)
+    sd: Array
+    nats: float
+
+    def by(self, candidate: Candidate) -> Candidate:
+        """The candidate with these sizes."""
+        told = dict(zip(_NUMBERS, zip(self.mean.tolist(), self.sd.tolist(), strict=True), strict=True))
+        unknowns = tuple(
+            replace(u, prior=told[u.declared.name]) if u.declared.name in told else u for u in candidate.unknowns
+        )
+        return replace(candidate, unknowns=unknowns, credit=self.nats)
+
+
+def _told(lab: Lab, seen: Sequence[_Seen]) -> _Sizes:
+    """Of a weak cell, by the voltages of the lowest one."""
+    weak = [p.prior for p in WeakCell.parameters() if p.name in _NUMBERS]
+    means, sds = np.array(weak).T
+    none = np.zeros(len(_NUMBERS))
+    rough = Noise(0.98, 0.8, _FLOOR_V)
+    open_ = _fitted(seen, rough, none, np.array(_OPEN_SDS))
+    left = [own.left(open_.mean[None, :], unbalanced)[0] for own, unbalanced in zip(seen, open_.charges, strict=True)]
+    noise = estimated([row[own.known] for row, own in zip(left, seen, strict=True)], _FLOOR_V)
+    found = _fitted(seen, noise, means, sds)
+    matched = _fitted(seen, noise, none, np.array(_MATCHED_SDS))
+    # It was the lowest of all that was looked at.
+    nats = found.nats - matched.nats - float(np.log(lab.series))
+    return _Sizes(found.mean, np.hypot(found.sd, _FOLLOWED * found.mean), nats)
+
+
+@dataclass(frozen=True, slots=True)
+class _Fitted:
+    mean: Array  # (2,)
+    sd: Array
+    charges: Array  # (flights,) beyond the others when full
+    nats: float
+
+
+def _fitted(seen: Sequence[_Seen], noise: Noise, means: Array, sds: Array) -> _Fitted:
+    """The likeliest sizes under a prior, and how likely that makes what was seen, but for what all priors share."""
+    doubted = replace(noise, doubt=_DOUBT)
+    spread = np.concatenate([sds, np.full(len(seen), _BALANCED_SD)])
+    expected = np.concatenate([means, np.zeros(len(seen))])
+
+    def off(x: Array) -> Array:
+        rows = [own.left(x[None, :2], q)[0] for own, q in zip(seen, x[2:], strict=True)]
+        white = [doubted.whitened(row)[own.known] for row, own in zip(rows, seen, strict=True)]
+        return np.concatenate([_bounded(np.concatenate(white)), (x - expected) / spread])
+
+    low = np.concatenate([np.zeros(2), np.full(len(seen), -np.inf)])
+    high = np.concatenate([[0.9, 10.0], np.full(len(seen), np.inf)])
+    starts = [np.concatenate([[loss, means[1]], np.zeros(len(seen))]) for loss in _TRIED]
+    start = min(starts, key=lambda x: float(np.sum(off(x) ** 2)))
+    inside = np.clip(start, low + 1e-6, high - 1e-6)
+    at = least_squares(off, inside, bounds=(low, high), x_scale=spread)
+    curvature = at.jac.T @ at.jac
+    volume = float(np.linalg.slogdet(curvature * np.outer(spread, spread))[1])
+    sd = np.sqrt(np.diag(np.linalg.inv(curvature)))
+    return _Fitted(at.x[:2], sd[:2], at.x[2:], -float(at.cost) - 0.5 * volume)
+
+
+def _bounded(row: Array) -> Array:
+    """Innovations of which the square is Huber's."""
+    size = np.abs(row)
+    return np.asarray(np.where(size <= _FAR, row, np.sign(row) * np.sqrt(np.maximum(2.0 * _FAR * size - _FAR**2, 0.0))))
