@@ -1,9 +1,10 @@
 """What the voltages of single cells, where a log has them, say of a weak one.
 
 All cells carry one current, and what a model of the pack gets wrong it gets wrong in all of them: so a weak cell stands
-out of the others where it is lost in the pack's voltage. Cells are never quite alike, though. What the lowest one lies
-below the others is explained twice, as matched cells differ and as a weak cell does; how much likelier it is then is
-the weak cell's credit, and what size it has there is all that the pack's voltage is asked to agree with.
+out of the others where it is lost in the pack's voltage. Cells are never quite alike, though, nor always balanced. What
+the lowest one lies below the others is explained as matched cells differ and as a weak cell does, either balanced when
+full or not; how much likelier it is of a weak one is its credit, and what size it has there is all that the pack's
+voltage is asked to agree with.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ _SHARE = 0.5  # of a flight's samples that have to tell every cell
 _NUMBERS = ("loss", "resistance")
 # By how much the worst of a pack's matched cells differs from the others: capacity, resistance; and charge when full.
 _MATCHED_SDS = (0.02, 0.1)
-_BALANCED_SD = 0.005
+_BALANCED_SD, _UNBALANCED_SD = 0.005, 0.05
 _OPEN_SDS = (0.3, 1.0)  # of these two, where hardly anything is known of them
 _FLOOR_V = 0.002  # [V]: no cell's voltage is measured and modelled closer
 _DOUBT = 8.0  # times a variance: what a model leaves lasts longer than any colour that its noise is given
@@ -47,8 +48,7 @@ def with_cells(
     told = _told(lab, [_Seen.by(lab, f, cell) for f in flights if _tells(f)])
     others = [c for c in tried if c.id != WeakCell.id]
     if told.nats <= 0.0:
-        because = f"its cells were measured one by one: cell {cell + 1}, the lowest, differs as matched cells do"
-        return others, [NotExcited(WeakCell.id, because)]
+        return others, [NotExcited(WeakCell.id, f"its cells were measured one by one: {told.in_words(cell)}")]
     return [told.by(c) if c.id == WeakCell.id else c for c in tried], []
 
 
@@ -67,7 +67,7 @@ def _tells(data: FlightData) -> bool:
 
 def _weighed(data: FlightData) -> Array:
     assert data.cells_v is not None
-    apart = np.nan_to_num(data.cells_v - data.cells_v.mean(axis=1, keepdims=True))
+    apart = np.nan_to_num(data.cells_v - np.median(data.cells_v, axis=1, keepdims=True))
     return np.asarray((np.clip(data.current_a, 0.0, None) * np.clip(data.charge_c, 0.0, None)) @ apart)
 
 
@@ -86,8 +86,8 @@ class _Seen:
     @classmethod
     def by(cls, lab: Lab, data: FlightData, cell: int) -> _Seen:
         assert data.cells_v is not None
-        others = np.delete(data.cells_v, cell, axis=1)
-        below = data.cells_v[:, cell] - others.mean(axis=1)
+        # Their median: one whose wire reads anything else makes no weak cell of another.
+        below = data.cells_v[:, cell] - np.median(np.delete(data.cells_v, cell, axis=1), axis=1)
         known = np.isfinite(below)
         soc = 1.0 if data.reading is None else data.reading
         pack = PackModel(lab.cell, lab.series, lab.parallel, lab.effects)
@@ -97,13 +97,13 @@ class _Seen:
         bare = np.broadcast_to(run.voltage, below.shape)
         return cls(lab, data, bridged(below, known), known, bare, soc, slope)
 
-    def left(self, sizes: Array, unbalanced: float) -> Array:
-        """What weak cells of these sizes (M, 2), so much fuller than the others when full, leave [V]; (M, T)."""
+    def left(self, sizes: Array, charge: float) -> Array:
+        """What weak cells of these sizes (M, 2), fuller than the others by a ``charge`` at first, leave [V]; (M, T)."""
         loss, resistance = sizes[:, 0, None], sizes[:, 1, None]
         effects = (*self.lab.effects, WeakCell(loss=loss, resistance=resistance))
         pack = PackModel(self.lab.cell, self.lab.series, self.lab.parallel, effects)
         run = pack.simulate(self.data.time_s, self.data.current_a, self.soc, self.data.temperature_k)
-        return np.asarray(self.below_v - (run.voltage - self.bare_v) - unbalanced * self.slope)
+        return np.asarray(self.below_v - (run.voltage - self.bare_v) - charge * self.slope)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +113,13 @@ class _Sizes:
     mean: Array  # (2,)
     sd: Array
     nats: float
+    unbalanced: float  # mean charge of the lowest one beyond the others' when full; zero: as balanced packs have it
+
+    def in_words(self, cell: int) -> str:
+        """How the lowest cell differs from the others, where it is no weak one."""
+        if not self.unbalanced:
+            return f"cell {cell + 1}, the lowest, differs as matched cells do"
+        return f"cell {cell + 1} begins with {-100.0 * self.unbalanced:.1f} % less charge and loses no more: balance it"
 
     def by(self, candidate: Candidate) -> Candidate:
         """The candidate with these sizes."""
@@ -125,18 +132,26 @@ class _Sizes:
 
 def _told(lab: Lab, seen: Sequence[_Seen]) -> _Sizes:
     """Of a weak cell, by the voltages of the lowest one."""
-    weak = [p.prior for p in WeakCell.parameters() if p.name in _NUMBERS]
-    means, sds = np.array(weak).T
+    means, sds = np.array([p.prior for p in WeakCell.parameters() if p.name in _NUMBERS]).T
     none = np.zeros(len(_NUMBERS))
-    rough = Noise(0.98, 0.8, _FLOOR_V)
-    open_ = _fitted(seen, rough, none, np.array(_OPEN_SDS))
-    left = [own.left(open_.mean[None, :], unbalanced)[0] for own, unbalanced in zip(seen, open_.charges, strict=True)]
+    open_ = _fitted(seen, Noise(0.98, 0.8, _FLOOR_V), none, np.array(_OPEN_SDS), _UNBALANCED_SD)
+    left = [own.left(open_.mean[None, :], charge)[0] for own, charge in zip(seen, open_.charges, strict=True)]
     noise = estimated([row[own.known] for row, own in zip(left, seen, strict=True)], _FLOOR_V)
-    found = _fitted(seen, noise, means, sds)
-    matched = _fitted(seen, noise, none, np.array(_MATCHED_SDS))
+    weak, matched = (
+        [_fitted(seen, noise, mean, sd, charge_sd) for charge_sd in (_BALANCED_SD, _UNBALANCED_SD)]
+        for mean, sd in ((means, sds), (none, np.array(_MATCHED_SDS)))
+    )
+    found = max(weak, key=lambda fitted: fitted.nats)
     # It was the lowest of all that was looked at.
-    nats = found.nats - matched.nats - float(np.log(lab.series))
-    return _Sizes(found.mean, np.hypot(found.sd, _FOLLOWED * found.mean), nats)
+    nats = _either(weak) - _either(matched) - float(np.log(lab.series))
+    balanced, unbalanced = matched
+    charge = float(unbalanced.charges.mean()) if unbalanced.nats > balanced.nats else 0.0
+    return _Sizes(found.mean, np.hypot(found.sd, _FOLLOWED * found.mean), nats, min(charge, 0.0))
+
+
+def _either(ways: Sequence[_Fitted]) -> float:
+    """How likely what was seen is, where each of these is as likely as the others."""
+    return float(np.logaddexp.reduce([way.nats for way in ways]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,10 +162,10 @@ class _Fitted:
     nats: float
 
 
-def _fitted(seen: Sequence[_Seen], noise: Noise, means: Array, sds: Array) -> _Fitted:
+def _fitted(seen: Sequence[_Seen], noise: Noise, means: Array, sds: Array, charge_sd: float) -> _Fitted:
     """The likeliest sizes under a prior, and how likely that makes what was seen, but for what all priors share."""
     doubted = replace(noise, doubt=_DOUBT)
-    spread = np.concatenate([sds, np.full(len(seen), _BALANCED_SD)])
+    spread = np.concatenate([sds, np.full(len(seen), charge_sd)])
     expected = np.concatenate([means, np.zeros(len(seen))])
 
     def off(x: Array) -> Array:

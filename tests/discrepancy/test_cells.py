@@ -6,6 +6,7 @@ effect.
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -30,13 +31,17 @@ def differing(loss, resistance):
     return lost, more
 
 
-def flown_by_cells(number, loss=0.0, resistance=0.0, told=True):
+def flown_by_cells(number, loss=0.0, resistance=0.0, told=True, missing=0.0):
     """A flight to 15 % of charge, cell by cell."""
     lost, more = differing(loss, resistance)
     data = flight(number, amps=20.0 + number, seconds=660)
     cell = BATTERY.circ
     own = [replace(cell, c_max=cell.c_max * (1 - d), r_s=cell.r_s * (1 + r)) for d, r in zip(lost, more, strict=True)]
-    runs = [PackModel(one, 1).simulate(data.time_s, data.current_a, 1.0, data.temperature_k) for one in own]
+    full = 1.0 - missing * (np.arange(SERIES) == WEAK)
+    runs = [
+        PackModel(one, 1).simulate(data.time_s, data.current_a, begun, data.temperature_k)
+        for one, begun in zip(own, full, strict=True)
+    ]
     clean = np.stack([np.ravel(run.voltage) for run in runs], axis=1)
     noise = np.random.default_rng(number)
     cells = clean + noise.normal(0.0, 0.002, clean.shape)
@@ -72,6 +77,29 @@ def test_matched_cells_leave_no_weak_one_to_be_looked_for():
     assert "weak-cell" not in {c.id for c in found}
     (why,) = missing
     assert "differs as matched cells do" in why.because
+
+
+def test_a_cell_whose_wire_reads_one_voltage_makes_no_other_one_weaker():
+    flights = [flown_by_cells(k, 0.2) for k in range(FLIGHTS)]
+    stuck = [replace(f, cells_v=np.where(np.arange(SERIES) == 0, 4.2, f.cells_v)) for f in flights]
+    whole, one_stuck = (weak_one(with_cells(tried(f), lab(), f)[0]) for f in (flights, stuck))
+    for known, told in zip(whole.unknowns, one_stuck.unknowns, strict=True):
+        assert told.prior[0] == pytest.approx(known.prior[0], abs=0.05)
+
+
+def test_a_cell_that_begins_with_less_charge_is_not_balanced_and_not_weak():
+    flights = [flown_by_cells(k, missing=0.05) for k in range(FLIGHTS)]
+    found, missing = with_cells(tried(flights), lab(), flights)
+    assert "weak-cell" not in {c.id for c in found}
+    (why,) = missing
+    assert re.search(rf"cell {WEAK + 1} begins with (4\.\d|5\.\d) % less charge and loses no more", why.because)
+
+
+def test_a_weak_cell_is_found_in_a_pack_that_is_not_balanced_too():
+    flights = [flown_by_cells(k, 0.2, 0.5, missing=0.05) for k in range(FLIGHTS)]
+    told = weak_one(with_cells(tried(flights), lab(), flights)[0])
+    assert told.credit > 20.0
+    assert told.unknowns[0].prior[0] == pytest.approx(0.2, abs=0.04)
 
 
 def test_a_log_without_cells_leaves_all_as_it_was():
