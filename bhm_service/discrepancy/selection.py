@@ -221,7 +221,7 @@ def _explains(found: Search, names: Names) -> bool:
     A set can earn much by what it lets the lab's errors do, while its equations hardly come near the misfit without
     them: its evidence counts as far as the equations go. What the lab was off by besides may be the larger part.
     Of a pack that no lab has seen there is no telling: what its battery is off by is mostly the lab's error. What is
-    measured beside the pack's voltage need not explain much of that.
+    measured beside the pack's voltage need not explain much of that, nor a law that flights show clearly.
     """
     if not found.base.lab.identified:
         return True
@@ -229,13 +229,24 @@ def _explains(found: Search, names: Names) -> bool:
     earned = found.earned(names)
     members = [member.id for member in found.joint(names).members]
     beside = {name: found.credit(frozenset({name})) for name in members}
+    clear = _clear_laws(found, names)
     each = all(
-        alone * (earned[name] - beside[name]) + beside[name] > found.heard(name)
+        name in clear or alone * (earned[name] - beside[name]) + beside[name] > found.heard(name)
         for name, alone in zip(members, others, strict=True)
     )
     finer = all(earned[name] >= found.structural for name in _opposed(found, names))
-    enough = whole > MUCH or _credit(found, names) > _CLAIM_NATS or found.measured(names)
+    enough = whole > MUCH or _credit(found, names) > _CLAIM_NATS or found.measured(names) or names <= clear
     return each and finer and enough
+
+
+def _clear_laws(found: Search, names: Names) -> Names:
+    """The laws in a set that earn what any effect has to.
+
+    A resistance or a capacity that the lab has wrong by a little may hide by itself what they explain. That they hold
+    is known, and by about how much.
+    """
+    earned = found.earned(names)
+    return frozenset(name for name in names & found.laws if earned[name] >= NATS)
 
 
 def _opposed(found: Search, names: Names) -> list[str]:
@@ -251,7 +262,12 @@ def _opposed(found: Search, names: Names) -> list[str]:
 
 
 def _credit(found: Search, names: Names) -> float:
-    """Of a set's evidence, what its equations have by themselves, and what is measured beside them. [nats]"""
+    """Of a set's evidence, what its equations have by themselves, and what is measured beside them. [nats]
+
+    All of it, of laws that flights show clearly.
+    """
+    if names <= _clear_laws(found, names):
+        return found.evidence(names)
     beside = found.credit(names)
     by_voltage = found.evidence(names) - beside
     return beside + by_voltage * (share(found, names) if found.base.lab.identified else 1.0)

@@ -6,12 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from discrepancy.flown import BATTERY, flown
+from discrepancy.flown import BATTERY, catalogue, flown, told_its_form
 from discrepancy.unrecorded import ENERGY, days, warmed
 
 from bhm_service.battery.battery_file import Joined
 from bhm_service.battery.effects import EFFECTS
+from bhm_service.battery.uncertainty import Uncertainty
 from bhm_service.discrepancy.explain import Request, explain
+from bhm_service.discrepancy.joint import Joint
+from bhm_service.discrepancy.lab import lab_of
+from bhm_service.discrepancy.search import search
+from bhm_service.discrepancy.selection import select
 
 LAW = "resistance-temperature"
 LOOSE = EFFECTS[LAW](activation_energy=9e3)
@@ -74,3 +79,14 @@ def test_a_recorded_temperature_drives_the_law_that_the_file_has():
     found = explain(Request(battery=right, flights=recorded()))
     assert found.findings.effects == []
     assert np.isclose(found.findings.fit.rmse_before_V, found.findings.fit.noise_floor_V, rtol=0.5)
+
+
+@pytest.mark.parametrize(("apart_k", "more"), [(0.5, 0.14), (1.0, 0.17)])
+def test_a_law_is_seen_through_a_resistance_that_the_lab_has_wrong(apart_k, more):
+    """Which takes back in the mean what the warmth gives: the equation by itself explains hardly anything."""
+    truth = [EFFECTS[LAW](activation_energy=1e3 * ENERGY), EFFECTS["resistance-growth"](growth=more, settled=1.0)]
+    flights = tuple(flown(truth, seed=4, number=k, kelvin=296.5 - 1.5 * apart_k + apart_k * k) for k in range(4))
+    known = replace(BATTERY, uncertainty=Uncertainty(voltage_error_v=0.003))
+    lab = told_its_form(lab_of(known, "circ", None, None))
+    found = search(Joint(lab, flights), catalogue(flights, only={LAW, "time-skew", "voltage-offset"}))
+    assert select(found).names == {LAW}
