@@ -49,6 +49,8 @@ def decide(
 
     ``second`` is the other model of the cell, ``closer`` this one on the flights at their own rate, ``logs``.
     """
+    bare = unseen.found.fitted(frozenset())
+    unseen.found.bent = bent_curve(bare, closer.lab) is not None
     standing = _significant(unseen, second, closer, rng)
     chosen = standing.chosen if told_from_lab(unseen.found, standing.chosen.names) else NOTHING
     chosen, left = outweighed(unseen.found, chosen, closer.lab, logs)

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from bhm_service.battery.effects import EFFECTS
+from bhm_service.battery.effects import EFFECTS, OcvShape
 from bhm_service.discrepancy.alikeness import FlightSpread
 from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.cores import on_cores
@@ -83,6 +83,7 @@ class Search:
     fits: dict[Names, Fitted] = field(default_factory=dict)
     spreads: Mapping[str, FlightSpread] = field(default_factory=dict)  # of candidates that the flights told of
     cores: int = 1  # that it may use
+    bent: bool = False  # whether flights bend the open-circuit curve further than any lab is off by
     _joints: dict[Names, Joint] = field(default_factory=dict, init=False)
     _added: dict[Names, Array] = field(default_factory=dict, init=False)
     _alone: dict[Names, Array] = field(default_factory=dict, init=False)
@@ -189,7 +190,12 @@ class Search:
         return {c.id: nats + c.credit for c, nats in zip(others, on_cores(tasks, self.cores), strict=True)}
 
     def needed(self, name: str, names: Names = frozenset()) -> float:
-        """What a member of a set has to earn on these flights. [nats]"""
+        """What a member of a set has to earn on these flights. [nats]
+
+        That a curve bent further than any lab's is of another shape needs no longer odds than any other effect.
+        """
+        if self.bent and names == {OcvShape.id}:
+            return NATS
         return STRONG if name in self.laws else needed(name, self.base.lab.form_told, alone=names == {name})
 
     def credit(self, names: Names) -> float:

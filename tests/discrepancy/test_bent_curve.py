@@ -9,10 +9,13 @@ import pytest
 from battery.cells import CAPACITY_C
 from discrepancy.flown import BATTERY, SERIES, four, searching, told_its_form
 
+from bhm_service.battery.uncertainty import Uncertainty
 from bhm_service.discrepancy.bent_curve import bent_curve, bumped_curve
 from bhm_service.discrepancy.decision import outweighed
+from bhm_service.discrepancy.explain import Request, explain
 from bhm_service.discrepancy.lab import lab_of
-from bhm_service.discrepancy.selection import NOTHING
+from bhm_service.discrepancy.search import search
+from bhm_service.discrepancy.selection import NOTHING, select
 from bhm_service.discrepancy.words import left_in_words
 
 AT, WIDTH = 0.8, 0.03
@@ -95,3 +98,26 @@ def test_no_bump_is_seen_in_flights_that_do_as_the_lab_says():
 
 def test_a_lab_that_did_not_tell_its_form_may_have_missed_it():
     assert bumped_curve(bumped(0.035).fitted(frozenset()), LAB) is None
+
+
+WIDE = 0.1
+SHAPE = frozenset({"ocv-shape"})
+
+
+def test_a_curve_bent_further_than_any_labs_needs_no_longer_odds_than_other_effects():
+    """A course that is free at every knot has to earn more, unless the flights say by themselves that it is there."""
+    flights = bumped(0.026, width=WIDE, at=0.65).base.flights
+    base = searching(flights, SHAPE).base
+    found = search(replace(base, lab=TOLD), searching(flights, SHAPE).candidates)
+    assert 10.0 < found.evidence(SHAPE) < 30.0
+    assert select(found).names == frozenset()
+    found.bent = True
+    assert select(found).names == SHAPE
+
+
+@pytest.mark.parametrize(("cell_v", "bent"), [(0.036, True), (0.0, False)])
+def test_flights_say_by_themselves_whether_their_curve_is_bent_further(cell_v, bent):
+    known = replace(BATTERY, uncertainty=Uncertainty(voltage_error_v=0.004))
+    told = explain(Request(battery=known, flights=bumped(cell_v, width=WIDE, at=0.65).base.flights))
+    assert told.search.bent is bent
+    assert [e.id for e in told.findings.effects] == (["ocv-shape"] if bent else [])
