@@ -25,7 +25,7 @@ from bhm_service.discrepancy.readings import bridged
 from bhm_service.units import Array, Flags
 
 _SHARE = 0.5  # of a flight's samples that have to tell every cell
-_NUMBERS = ("loss", "resistance")
+_DECLARED = tuple(p for p in WeakCell.parameters() if p.prior is not None)  # loss, then resistance
 # By how much the worst of a pack's matched cells differs from the others: capacity, resistance; and charge when full.
 _MATCHED_SDS = (0.02, 0.1)
 _BALANCED_SD, _UNBALANCED_SD = 0.005, 0.05
@@ -123,7 +123,8 @@ class _Sizes:
 
     def by(self, candidate: Candidate) -> Candidate:
         """The candidate with these sizes."""
-        told = dict(zip(_NUMBERS, zip(self.mean.tolist(), self.sd.tolist(), strict=True), strict=True))
+        numbers = zip(self.mean.tolist(), self.sd.tolist(), strict=True)
+        told = dict(zip((p.name for p in _DECLARED), numbers, strict=True))
         unknowns = tuple(
             replace(u, prior=told[u.declared.name]) if u.declared.name in told else u for u in candidate.unknowns
         )
@@ -132,8 +133,8 @@ class _Sizes:
 
 def _told(lab: Lab, seen: Sequence[_Seen]) -> _Sizes:
     """Of a weak cell, by the voltages of the lowest one."""
-    means, sds = np.array([p.prior for p in WeakCell.parameters() if p.name in _NUMBERS]).T
-    none = np.zeros(len(_NUMBERS))
+    means, sds = np.array([p.prior for p in _DECLARED]).T
+    none = np.zeros(len(_DECLARED))
     open_ = _fitted(seen, Noise(0.98, 0.8, _FLOOR_V), none, np.array(_OPEN_SDS), _UNBALANCED_SD)
     left = [own.left(open_.mean[None, :], charge)[0] for own, charge in zip(seen, open_.charges, strict=True)]
     noise = estimated([row[own.known] for row, own in zip(left, seen, strict=True)], _FLOOR_V)
@@ -173,8 +174,8 @@ def _fitted(seen: Sequence[_Seen], noise: Noise, means: Array, sds: Array, charg
         white = [doubted.whitened(row)[own.known] for row, own in zip(rows, seen, strict=True)]
         return np.concatenate([_bounded(np.concatenate(white)), (x - expected) / spread])
 
-    low = np.concatenate([np.zeros(2), np.full(len(seen), -np.inf)])
-    high = np.concatenate([[0.9, 10.0], np.full(len(seen), np.inf)])
+    low = np.concatenate([[p.low for p in _DECLARED], np.full(len(seen), -np.inf)])
+    high = np.concatenate([[p.high for p in _DECLARED], np.full(len(seen), np.inf)])
     starts = [np.concatenate([[loss, means[1]], np.zeros(len(seen))]) for loss in _TRIED]
     start = min(starts, key=lambda x: float(np.sum(off(x) ** 2)))
     inside = np.clip(start, low + 1e-6, high - 1e-6)
