@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bhm_service.battery.effects import EFFECTS
+from bhm_service.battery.effects import EFFECTS, WeakCell
 from bhm_service.battery.effects.self_heating import SelfHeating
 from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.explanation import Contest
@@ -37,8 +37,19 @@ def advice(
     if verdict == "ambiguous":
         sets = [_set(found, chosen.names, names) for names in chosen.alternatives[:_MOST]]
         unbeaten = [c for c in rivals if not c.beaten and c.rival is not None and c.driver is not None]
-        return _settling(found, [*sets, *(_phantom(found, chosen.names, c) for c in unbeaten)])
+        flown = _settling(found, [*sets, *(_phantom(found, chosen.names, c) for c in unbeaten)])
+        return [*_by_cells(found, chosen), *flown]
     return _exciting(found, tried) if verdict == "not-excited" else []
+
+
+def _by_cells(found: Search, chosen: Selection) -> list[str]:
+    """What needs no manoeuvre: voltages of single cells show a weak one beside the others on any flight."""
+    weak = frozenset({WeakCell.id})
+    disputed = [names for names in chosen.alternatives if weak <= chosen.names ^ names]
+    if not disputed or found.credit(weak):
+        return []
+    rivals = {" and ".join(sorted(names - chosen.names if weak <= names else names)) for names in disputed}
+    return [f"Record the voltages of single cells (BATTERY_STATUS): they tell it from {' or '.join(sorted(rivals))}."]
 
 
 @dataclass(frozen=True, slots=True)

@@ -53,6 +53,21 @@ def test_each_phantom_that_is_not_beaten_is_in_one_line_and_those_that_are_in_no
     assert any(c.beaten for c in rivals)
 
 
+FADE, WEAK = frozenset({"capacity-fade"}), frozenset({"weak-cell"})
+
+
+@pytest.mark.parametrize(("names", "rival"), [(FADE, WEAK), (WEAK, FADE)])
+def test_single_cells_tell_a_weak_one_from_its_rivals_on_any_flight(names, rival):
+    """But for where they have been recorded already, or both explanations have it."""
+    found = searching([flown((), seed=4, number=k) for k in range(3)], names | rival)
+    (line,) = [s for s in advice(found, Selection(names, (rival,), {}, {}), "ambiguous") if "single cells" in s]
+    assert line.endswith(f"they tell it from {next(iter(rival))}.")
+    both = Selection(WEAK, (names | rival,), {}, {})
+    assert not [s for s in advice(found, both, "ambiguous") if "single cells" in s]
+    found.candidates = tuple(replace(c, credit=9.0) if c.id == "weak-cell" else c for c in found.candidates)
+    assert not [s for s in advice(found, Selection(names, (rival,), {}, {}), "ambiguous") if "single cells" in s]
+
+
 @pytest.fixture(scope="module")
 def short():
     """Three minutes each: nothing deep shows."""
