@@ -48,8 +48,8 @@ def _by_cells(found: Search, chosen: Selection) -> list[str]:
     disputed = [names for names in chosen.alternatives if weak <= chosen.names ^ names]
     if not disputed or found.credit(weak):
         return []
-    rivals = {" and ".join(sorted(names - chosen.names if weak <= names else names)) for names in disputed}
-    return [f"Record the voltages of single cells (BATTERY_STATUS): they tell it from {' or '.join(sorted(rivals))}."]
+    rivals = sorted({_title(chosen.names, names) for names in disputed})
+    return [f"Record the voltages of single cells (BATTERY_STATUS): they tell it from {' or '.join(rivals)}."]
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,11 +61,15 @@ class _Rivalry:
     special: str  # what would tell them apart beside flights
 
 
+def _title(names: Names, rival: Names) -> str:
+    """What a rival has that a set has not; all of it, where it is a part of that."""
+    return " and ".join(sorted(rival - names) or sorted(rival))
+
+
 def _set(found: Search, names: Names, rival: Names) -> _Rivalry:
     one, other = found.fitted(names), found.fitted(rival)
-    title = " and ".join(sorted(rival - names) or sorted(rival))
     special = next((EFFECTS[n].manoeuvre for n in sorted(names - rival)), "")
-    return _Rivalry(title, lambda data, m: _said(one, data, m) - _said(other, data, m), special)
+    return _Rivalry(_title(names, rival), lambda data, m: _said(one, data, m) - _said(other, data, m), special)
 
 
 def _phantom(found: Search, names: Names, contest: Contest) -> _Rivalry:

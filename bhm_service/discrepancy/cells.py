@@ -15,12 +15,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from bhm_service.battery.effects import WeakCell
-from bhm_service.battery.pack import PackModel
+from bhm_service.battery.effects import Effect, WeakCell
+from bhm_service.battery.pack import PackModel, Simulation
 from bhm_service.discrepancy.candidate import Candidate, NotExcited
+from bhm_service.discrepancy.fitting import huber
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.lab import Lab
-from bhm_service.discrepancy.noise import Noise, estimated
+from bhm_service.discrepancy.noise import LASTING_DOUBT, Noise, estimated
 from bhm_service.discrepancy.readings import bridged
 from bhm_service.units import Array, Flags
 
@@ -31,10 +32,8 @@ _MATCHED_SDS = (0.02, 0.1)
 _BALANCED_SD, _UNBALANCED_SD = 0.005, 0.05
 _OPEN_SDS = (0.3, 1.0)  # of these two, where hardly anything is known of them
 _FLOOR_V = 0.002  # [V]: no cell's voltage is measured and modelled closer
-_DOUBT = 8.0  # times a variance: what a model leaves lasts longer than any colour that its noise is given
-_FAR = 3.0  # standard deviations: beyond, an innovation counts by its size, not by its square
 _FOLLOWED = 0.1  # of a weak cell's size: closer it is not told by a curve and a charge that are off as well
-_TRIED = np.array([0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6])  # losses from which a fit may begin
+_TRIED = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6)  # losses from which a fit may begin
 _STEP = 1e-3  # of charge, over which a curve's slope is taken
 
 
@@ -80,7 +79,6 @@ class _Seen:
     below_v: Array  # (T,), straight where it is not known
     known: Flags
     bare_v: Array  # (T,) of the pack without a weak cell
-    soc: float  # at the start
     slope: Array  # (T,) of the curve [V]
 
     @classmethod
@@ -89,21 +87,21 @@ class _Seen:
         # Their median: one whose wire reads anything else makes no weak cell of another.
         below = data.cells_v[:, cell] - np.median(np.delete(data.cells_v, cell, axis=1), axis=1)
         known = np.isfinite(below)
-        soc = 1.0 if data.reading is None else data.reading
-        pack = PackModel(lab.cell, lab.series, lab.parallel, lab.effects)
-        run = pack.simulate(data.time_s, data.current_a, soc, data.temperature_k)
-        ends = [np.asarray(lab.cell.open_circuit(np.clip(run.soc + s, 0.0, 1.0))) for s in (-_STEP, _STEP)]
-        slope = np.broadcast_to((ends[1] - ends[0]) / (2.0 * _STEP), below.shape)
-        bare = np.broadcast_to(run.voltage, below.shape)
-        return cls(lab, data, bridged(below, known), known, bare, soc, slope)
+        run = _run(lab, data)
+        bare, slope = np.ravel(run.voltage), lab.slope_v(np.ravel(run.soc), _STEP)
+        return cls(lab, data, bridged(below, known), known, bare, slope)
 
-    def left(self, sizes: Array, charge: float) -> Array:
-        """What weak cells of these sizes (M, 2), fuller than the others by a ``charge`` at first, leave [V]; (M, T)."""
-        loss, resistance = sizes[:, 0, None], sizes[:, 1, None]
-        effects = (*self.lab.effects, WeakCell(loss=loss, resistance=resistance))
-        pack = PackModel(self.lab.cell, self.lab.series, self.lab.parallel, effects)
-        run = pack.simulate(self.data.time_s, self.data.current_a, self.soc, self.data.temperature_k)
-        return np.asarray(self.below_v - (run.voltage - self.bare_v) - charge * self.slope)
+    def left(self, loss: float, resistance: float, charge: float) -> Array:
+        """What a weak cell of this size, fuller than the others by a ``charge`` at first, leaves (T,). [V]"""
+        weak = _run(self.lab, self.data, WeakCell(loss=loss, resistance=resistance))
+        return np.asarray(self.below_v - (np.ravel(weak.voltage) - self.bare_v) - charge * self.slope)
+
+
+def _run(lab: Lab, data: FlightData, *more: Effect) -> Simulation:
+    """The pack along a flight as the battery file has it, and with more effects."""
+    pack = PackModel(lab.cell, lab.series, lab.parallel, (*lab.effects, *more))
+    soc = 1.0 if data.reading is None else data.reading
+    return pack.simulate(data.time_s, data.current_a, soc, data.temperature_k)
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +134,7 @@ def _told(lab: Lab, seen: Sequence[_Seen]) -> _Sizes:
     means, sds = np.array([p.prior for p in _DECLARED]).T
     none = np.zeros(len(_DECLARED))
     open_ = _fitted(seen, Noise(0.98, 0.8, _FLOOR_V), none, np.array(_OPEN_SDS), _UNBALANCED_SD)
-    left = [own.left(open_.mean[None, :], charge)[0] for own, charge in zip(seen, open_.charges, strict=True)]
+    left = [own.left(open_.mean[0], open_.mean[1], charge) for own, charge in zip(seen, open_.charges, strict=True)]
     noise = estimated([row[own.known] for row, own in zip(left, seen, strict=True)], _FLOOR_V)
     weak, matched = (
         [_fitted(seen, noise, mean, sd, charge_sd) for charge_sd in (_BALANCED_SD, _UNBALANCED_SD)]
@@ -165,14 +163,15 @@ class _Fitted:
 
 def _fitted(seen: Sequence[_Seen], noise: Noise, means: Array, sds: Array, charge_sd: float) -> _Fitted:
     """The likeliest sizes under a prior, and how likely that makes what was seen, but for what all priors share."""
-    doubted = replace(noise, doubt=_DOUBT)
+    doubted = replace(noise, doubt=LASTING_DOUBT)
     spread = np.concatenate([sds, np.full(len(seen), charge_sd)])
     expected = np.concatenate([means, np.zeros(len(seen))])
 
     def off(x: Array) -> Array:
-        rows = [own.left(x[None, :2], q)[0] for own, q in zip(seen, x[2:], strict=True)]
+        rows = [own.left(x[0], x[1], q) for own, q in zip(seen, x[2:], strict=True)]
         white = [doubted.whitened(row)[own.known] for row, own in zip(rows, seen, strict=True)]
-        return np.concatenate([_bounded(np.concatenate(white)), (x - expected) / spread])
+        innovations = np.concatenate(white)
+        return np.concatenate([np.sign(innovations) * np.sqrt(huber(innovations)), (x - expected) / spread])
 
     low = np.concatenate([[p.low for p in _DECLARED], np.full(len(seen), -np.inf)])
     high = np.concatenate([[p.high for p in _DECLARED], np.full(len(seen), np.inf)])
@@ -184,9 +183,3 @@ def _fitted(seen: Sequence[_Seen], noise: Noise, means: Array, sds: Array, charg
     volume = float(np.linalg.slogdet(curvature * np.outer(spread, spread))[1])
     sd = np.sqrt(np.diag(np.linalg.inv(curvature)))
     return _Fitted(at.x[:2], sd[:2], at.x[2:], -float(at.cost) - 0.5 * volume)
-
-
-def _bounded(row: Array) -> Array:
-    """Innovations of which the square is Huber's."""
-    size = np.abs(row)
-    return np.asarray(np.where(size <= _FAR, row, np.sign(row) * np.sqrt(np.maximum(2.0 * _FAR * size - _FAR**2, 0.0))))

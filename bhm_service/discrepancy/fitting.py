@@ -81,11 +81,13 @@ class Bare:
 
 def bulk(rows: Sequence[Array]) -> float:
     """Huber's sum over innovations: squares near zero, straight lines beyond."""
-    total = 0.0
-    for row in rows:
-        size = np.abs(row)
-        total += float(np.sum(np.where(size <= _FAR, size**2, 2.0 * _FAR * size - _FAR**2)))
-    return total
+    return sum(float(np.sum(huber(row))) for row in rows)
+
+
+def huber(row: Array) -> Array:
+    """What each innovation of a row counts there."""
+    size = np.abs(row)
+    return np.asarray(np.where(size <= _FAR, size**2, 2.0 * _FAR * size - _FAR**2))
 
 
 def weights(row: Array, far: float = _FAR) -> Array:

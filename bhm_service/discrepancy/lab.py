@@ -315,6 +315,11 @@ class Lab:
         fall = np.asarray(self.cell.open_circuit(held)) - np.asarray(self.cell.open_circuit(held - _SECANT))
         return np.asarray(fall / _SECANT)
 
+    def slope_v(self, soc: Array, step: float) -> Array:
+        """Slope of the open-circuit curve by the charge, from a ``step`` of it below to one above. [V]"""
+        below, above = (np.asarray(self.cell.open_circuit(np.clip(soc + s, 0.0, 1.0))) for s in (-step, step))
+        return np.asarray((above - below) / (2.0 * step))
+
     def bent_v(self, sizes: Array, soc: Array) -> Array:
         """What the bends among numbers of `additions` (M, numbers) add to rested packs (M, F); (M, F). [V]"""
         return np.asarray(self.series * np.einsum("mk,kmf->mf", sizes[:, : BEND_SOC.size], hats(BEND_SOC, soc)))

@@ -17,7 +17,7 @@ from bhm_service.battery.left_open import LeftOpen, left_open
 from bhm_service.discrepancy.abreast import sudden
 from bhm_service.discrepancy.fitting import weights
 from bhm_service.discrepancy.lab import Lab, followed, lab_of
-from bhm_service.discrepancy.noise import MOST_PHI, SUDDEN, Noise, estimated
+from bhm_service.discrepancy.noise import LASTING_DOUBT, MOST_PHI, SUDDEN, Noise, estimated
 from bhm_service.discrepancy.readings import bridged
 from bhm_service.identification.curve import LOW_SOC
 from bhm_service.identification.experiment import Experiment
@@ -25,7 +25,6 @@ from bhm_service.identification.identify import ModelResult
 from bhm_service.units import Array, Flags
 
 _FLOOR_V = 3e-4  # [V] of a cell: closer no recording's noise is taken to be known
-_DOUBT = 8.0  # times a variance: what a model leaves lasts longer than any colour that its noise is given
 _METERS_PHI = 0.9  # colour of ten samples, ten seconds at one hertz: the most that a bench's meter has
 _LOADS_APART = 2.0  # times, from where on a lag is no error of the curve
 _START_SD = 0.002  # of the charge that a recording begins with
@@ -110,7 +109,7 @@ class _Shown:
         """What they tell, where their noise is coloured by ``most_phi`` at most."""
         noise, x, curvature, nats = Noise(0.98, 0.8, self.lab.series * 0.002), self.expected, self.before, 0.0
         for _ in range(_ROUNDS if self.recordings else 0):
-            doubted = replace(noise, doubt=_DOUBT, sudden=SUDDEN)
+            doubted = replace(noise, doubt=LASTING_DOUBT, sudden=SUDDEN)
             curvature, score, nats = self.before.copy(), np.zeros(x.size), 0.0
             for recording in self.recordings:
                 off, slopes = recording.whitened(x, doubted)
@@ -118,7 +117,7 @@ class _Shown:
                 off = off + (x - self.expected) @ slopes
                 curvature += (slopes * counted) @ slopes.T
                 score += (slopes * counted) @ off
-                nats -= 0.5 * float(counted @ off**2) + recording.log_scale(doubted) / _DOUBT
+                nats -= 0.5 * float(counted @ off**2) + recording.log_scale(doubted) / LASTING_DOUBT
             moved = np.asarray(np.linalg.solve(curvature, score))
             nats += 0.5 * float(score @ moved) - 0.5 * float(_log_det(curvature) - _log_det(self.before))
             x = self.expected + moved
@@ -163,7 +162,7 @@ def _recordings(lab: Lab, runs: Sequence[Followed], form: int) -> list[_Recordin
         time_s, current_a = run.experiment.time_s, run.experiment.current_a
         shapes = np.zeros((form + len(runs), time_s.size))
         shapes[:form] = lab.added(followed(time_s, current_a), current_a, run.soc)[:form]
-        shapes[form + k] = lab.series * _START_SD * _slope(lab, run.soc)
+        shapes[form + k] = lab.series * _START_SD * lab.slope_v(run.soc, _STEP)
         misfit = bridged(lab.series * run.misfit_v, known)
         # Of the whole drop: what a double layer has within a second comes at once to a recording of one hertz.
         found.append(
@@ -177,9 +176,3 @@ def _load_a(experiment: Experiment) -> float:
     out = np.clip(experiment.current_a[1:], 0.0, None)
     charge = out * np.diff(experiment.time_s)
     return float(charge @ out / max(float(charge.sum()), 1e-300))
-
-
-def _slope(lab: Lab, soc: Array) -> Array:
-    """Of the open-circuit curve. [V]"""
-    ends = [np.asarray(lab.cell.open_circuit(np.clip(soc + step, 0.0, 1.0))) for step in (-_STEP, _STEP)]
-    return np.asarray((ends[1] - ends[0]) / (2.0 * _STEP))

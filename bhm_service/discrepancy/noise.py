@@ -20,6 +20,7 @@ from bhm_service.units import Array
 SUDDEN = 0.2  # of the ohmic drop of a sudden change: what relaxes within a sample no lab at one hertz tells
 # What a model gets wrong it gets wrong alike in all flights of a kind: they are not independent witnesses of it.
 WITNESSES, MOST_DOUBT = 1.0 / 3.0, 3.0
+LASTING_DOUBT = 8.0  # times a variance: what a model leaves lasts longer than any colour that its noise is given
 MOST_PHI = 0.998  # of noise: what lasts longer than minutes is none
 _CLIP = 4.0  # standard deviations beyond which an innovation counts no more
 _RARELY = 0.01

@@ -105,9 +105,9 @@ class DataFlashReader:
                 battery = int(f.get("Instance", 0))
                 cells[battery] = (() if kind == _FIRST_CELLS else cells.get(battery, ())) + _cells(f)
             for message in _decoded(kind, f, now, boot_s):
-                if isinstance(message, BatteryStatus):
+                if isinstance(message, BatteryStatus) and message.battery_id in cells:
                     # They are logged after their battery, and are its next sample's.
-                    message = replace(message, cells_v=measured_cells(cells.pop(message.battery_id, ())))
+                    message = replace(message, cells_v=measured_cells(cells.pop(message.battery_id)))
                 if isinstance(message, Heartbeat):
                     armed = message.armed
                 elif armed is None and isinstance(message, BatteryStatus):

@@ -95,7 +95,7 @@ def record(log: Log, battery_id: int, series: int, capacity_c: float, airborne_a
     changes: list[tuple[float, str]] = []
     parameters: dict[str, float] = {}
     cells: list[tuple[float, ...]] = []  # since the last sample
-    of_cells: list[Array] = []
+    of_cells: list[Array | None] = []
     air: Air | None = None  # the first that was told: a board that booted again later is a warm one
     for _, message in log.messages:
         if isinstance(message, Motion):
@@ -129,12 +129,12 @@ def record(log: Log, battery_id: int, series: int, capacity_c: float, airborne_a
         if sample is not None and (not times or sample.time_s > times[-1]):
             times.append(sample.time_s)
             rows.append(_row(sample, now))
-            of_cells.append(np.mean(cells, axis=0) if cells else np.full(series, np.nan))
+            of_cells.append(np.mean(cells, axis=0) if cells else None)
             cells = []
     if not rows:
         there = ", ".join(str(i) for i in sorted(battery_ids(m for _, m in log.messages))) or "none"
         raise BadInputError(str(log.path), f"battery id {battery_id}: no sample of it; ids in this log: {there}")
-    table, single = np.array(rows), np.array(of_cells)
+    table = np.array(rows)
     columns = dict(zip(_COLUMNS, table.T, strict=True))
     return Recording(
         label=log.path.stem,
@@ -143,9 +143,15 @@ def record(log: Log, battery_id: int, series: int, capacity_c: float, airborne_a
         pack_changes=tuple(changes),
         parameters=parameters,
         cold_board_k=_cold_board_k(air),
-        cells_v=single if np.isfinite(single).any() else None,
+        cells_v=_cells_v(of_cells, series),
         **columns,
     )
+
+
+def _cells_v(rows: list[Array | None], series: int) -> Array | None:
+    if all(row is None for row in rows):
+        return None
+    return np.array([np.full(series, np.nan) if row is None else row for row in rows])
 
 
 def _cold_board_k(first: Air | None) -> float | None:

@@ -106,9 +106,8 @@ SHAPE = frozenset({"ocv-shape"})
 
 def test_a_curve_bent_further_than_any_labs_needs_no_longer_odds_than_other_effects():
     """A course that is free at every knot has to earn more, unless the flights say by themselves that it is there."""
-    flights = bumped(0.026, width=WIDE, at=0.65).base.flights
-    base = searching(flights, SHAPE).base
-    found = search(replace(base, lab=TOLD), searching(flights, SHAPE).candidates)
+    begun = searching(bumped(0.026, width=WIDE, at=0.65).base.flights, SHAPE)
+    found = search(replace(begun.base, lab=TOLD), begun.candidates)
     assert 10.0 < found.evidence(SHAPE) < 30.0
     assert select(found).names == frozenset()
     found.bent = True
