@@ -17,7 +17,8 @@ from bhm_service.discrepancy.fitting import Fitted, fit
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.manoeuvres import MENU, ORDINARY, Manoeuvre
-from bhm_service.discrepancy.search import LEAST_SNR, Names, Search
+from bhm_service.discrepancy.odds import LEAST_SNR, Names
+from bhm_service.discrepancy.search import Search
 from bhm_service.discrepancy.selection import Selection
 from bhm_service.units import Array
 

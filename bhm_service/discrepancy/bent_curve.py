@@ -10,8 +10,8 @@ from scipy.special import logsumexp
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.lab import BEND_SOC, Lab
+from bhm_service.discrepancy.odds import NATS
 from bhm_service.discrepancy.patterns import VOLTAGE_SD, added
-from bhm_service.discrepancy.search import NATS
 
 _FAR = 5.0  # standard deviations: curves of some labs are off by twice what is usual, and somewhere by more
 _PEAK = 2.0  # times what a model is off by on average: somewhere every model is off by as much

@@ -15,7 +15,7 @@ from scipy.optimize import minimize_scalar
 from bhm_service.discrepancy.fitting import Fitted, fit
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.lab import Lab
-from bhm_service.discrepancy.search import NATS
+from bhm_service.discrepancy.odds import NATS
 from bhm_service.units import Array
 
 

@@ -21,7 +21,7 @@ from bhm_service.discrepancy.candidate import Candidate, NotExcited
 from bhm_service.discrepancy.fitting import huber
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.lab import Lab
-from bhm_service.discrepancy.noise import LASTING_DOUBT, Noise, estimated
+from bhm_service.discrepancy.noise import CELL_FLOOR_V, LASTING_DOUBT, Noise, estimated
 from bhm_service.discrepancy.readings import bridged
 from bhm_service.units import Array, Flags
 
@@ -31,7 +31,6 @@ _DECLARED = tuple(p for p in WeakCell.parameters() if p.prior is not None)  # lo
 _MATCHED_SDS = (0.02, 0.1)
 _BALANCED_SD, _UNBALANCED_SD = 0.005, 0.05
 _OPEN_SDS = (0.3, 1.0)  # of these two, where hardly anything is known of them
-_FLOOR_V = 0.002  # [V]: no cell's voltage is measured and modelled closer
 _FOLLOWED = 0.1  # of a weak cell's size: closer it is not told by a curve and a charge that are off as well
 _TRIED = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6)  # losses from which a fit may begin
 _STEP = 1e-3  # of charge, over which a curve's slope is taken
@@ -133,9 +132,9 @@ def _told(lab: Lab, seen: Sequence[_Seen]) -> _Sizes:
     """Of a weak cell, by the voltages of the lowest one."""
     means, sds = np.array([p.prior for p in _DECLARED]).T
     none = np.zeros(len(_DECLARED))
-    open_ = _fitted(seen, Noise(0.98, 0.8, _FLOOR_V), none, np.array(_OPEN_SDS), _UNBALANCED_SD)
+    open_ = _fitted(seen, Noise.at_first(1), none, np.array(_OPEN_SDS), _UNBALANCED_SD)
     left = [own.left(open_.mean[0], open_.mean[1], charge) for own, charge in zip(seen, open_.charges, strict=True)]
-    noise = estimated([row[own.known] for row, own in zip(left, seen, strict=True)], _FLOOR_V)
+    noise = estimated([row[own.known] for row, own in zip(left, seen, strict=True)], CELL_FLOOR_V)
     weak, matched = (
         [_fitted(seen, noise, mean, sd, charge_sd) for charge_sd in (_BALANCED_SD, _UNBALANCED_SD)]
         for mean, sd in ((means, sds), (none, np.array(_MATCHED_SDS)))

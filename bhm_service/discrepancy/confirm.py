@@ -20,7 +20,8 @@ from bhm_service.discrepancy.fitting import Fitted, fit
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.noise import Noise
-from bhm_service.discrepancy.search import NATS, Names, Search
+from bhm_service.discrepancy.odds import NATS, Names
+from bhm_service.discrepancy.search import Search
 from bhm_service.units import Array
 
 BRIEF = frozenset({TimeSkew.id, IntermittentContact.id})

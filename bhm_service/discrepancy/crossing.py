@@ -15,7 +15,8 @@ from bhm_service.discrepancy.fitting import Fitted, fit
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.lab import Lab
 from bhm_service.discrepancy.noise import Noise
-from bhm_service.discrepancy.search import Names, Search
+from bhm_service.discrepancy.odds import Names
+from bhm_service.discrepancy.search import Search
 from bhm_service.discrepancy.valleys import fit_over_valleys
 
 
@@ -54,7 +55,7 @@ class Witness:
             return self._searches[names]
         members = tuple(c for c in self.candidates if c.id in names)
         if self._bare is None:
-            self._bare = fit(self.base, Noise(0.98, 0.8, self.lab.series * 0.002))
+            self._bare = fit(self.base, Noise.at_first(self.lab.series))
         rough = saturated_noise(self._bare, members)
         joint = replace(self.base, members=members)
         starts = [joint.unknowns.start, *([] if self.near is None else [self.near.fitted(names).x])]

@@ -21,9 +21,10 @@ from bhm_service.discrepancy.explanation import Contest, Left
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.lab import Lab
+from bhm_service.discrepancy.odds import NATS, NEAR, STRUCTURAL, Names
 from bhm_service.discrepancy.patterns import Pattern, telling
 from bhm_service.discrepancy.recurring import recurring
-from bhm_service.discrepancy.search import NATS, NEAR, STRUCTURAL, Names, Search
+from bhm_service.discrepancy.search import Search
 from bhm_service.discrepancy.selection import MUCH, NOTHING, Selection, select, share
 from bhm_service.discrepancy.significance import familywise
 from bhm_service.discrepancy.timing import timed
@@ -49,8 +50,6 @@ def decide(
 
     ``second`` is the other model of the cell, ``closer`` this one on the flights at their own rate, ``logs``.
     """
-    bare = unseen.found.fitted(frozenset())
-    unseen.found.bent = bent_curve(bare, closer.lab) is not None
     standing = _significant(unseen, second, closer, rng)
     chosen = standing.chosen if told_from_lab(unseen.found, standing.chosen.names) else NOTHING
     chosen, left = outweighed(unseen.found, chosen, closer.lab, logs)

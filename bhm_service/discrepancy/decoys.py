@@ -19,7 +19,8 @@ from bhm_service.discrepancy.fitting import Bare, fit
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.noise import Noise
-from bhm_service.discrepancy.search import NEAR, Names, Search
+from bhm_service.discrepancy.odds import NEAR, Names
+from bhm_service.discrepancy.search import Search
 from bhm_service.units import REFERENCE_TEMPERATURE_K, Array
 
 _WARMING_K = 15.0  # by which a phantom pack warms up along a flight

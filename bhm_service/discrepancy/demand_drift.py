@@ -18,7 +18,7 @@ from bhm_service.discrepancy.first_order import geometry_of
 from bhm_service.discrepancy.fitting import Fitted, fit, one_step
 from bhm_service.discrepancy.lab import hats
 from bhm_service.discrepancy.noise import estimated
-from bhm_service.discrepancy.search import NATS
+from bhm_service.discrepancy.odds import NATS
 from bhm_service.units import Array
 
 _KNOTS = 4  # of equally many samples between them

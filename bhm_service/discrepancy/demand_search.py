@@ -13,8 +13,8 @@ from bhm_service.discrepancy.demand_release import releases
 from bhm_service.discrepancy.first_order import Geometry, geometry_of
 from bhm_service.discrepancy.fitting import Fitted, bulk, fit
 from bhm_service.discrepancy.noise import Noise, doubt_of_alike, estimated
+from bhm_service.discrepancy.odds import LEAST_SNR, NATS, NEAR, STRONG, Names
 from bhm_service.discrepancy.physical import inside
-from bhm_service.discrepancy.search import LEAST_SNR, NATS, NEAR, STRONG, Names
 from bhm_service.discrepancy.significance import exceeded
 from bhm_service.prediction.demand_effects import DEMAND_EFFECTS
 from bhm_service.units import Array

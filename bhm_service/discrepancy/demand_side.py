@@ -17,7 +17,7 @@ from bhm_service.discrepancy.demand_search import PAYLOAD, Chosen, DemandSearch,
 from bhm_service.discrepancy.demand_words import demand_effect_in_words, demand_sentence
 from bhm_service.discrepancy.findings import ChangePoint, EffectFound, Quantity, Verdict
 from bhm_service.discrepancy.flights import FlightData
-from bhm_service.discrepancy.search import LEAST_SNR
+from bhm_service.discrepancy.odds import LEAST_SNR
 from bhm_service.prediction.demand_effects import DEMAND_EFFECTS, DemandEffect
 from bhm_service.prediction.demand_file import KnownDemand
 from bhm_service.units import Array

@@ -26,9 +26,10 @@ from bhm_service.discrepancy.flights import FlightData, LeftOut
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.lab import Lab, lab_of
 from bhm_service.discrepancy.locate import regime_maps, variables
+from bhm_service.discrepancy.odds import LEAST_SNR, Names
 from bhm_service.discrepancy.quantities import measured, teller
 from bhm_service.discrepancy.repair import flying, patched, repaired, retuned
-from bhm_service.discrepancy.search import LEAST_SNR, Names, Progress, Search, search
+from bhm_service.discrepancy.search import Progress, Search, search
 from bhm_service.discrepancy.selection import Selection, taken
 from bhm_service.discrepancy.significance import familywise
 from bhm_service.discrepancy.summary import findings_of

@@ -107,7 +107,7 @@ class _Shown:
 
     def told(self, most_phi: float = MOST_PHI) -> _Told:
         """What they tell, where their noise is coloured by ``most_phi`` at most."""
-        noise, x, curvature, nats = Noise(0.98, 0.8, self.lab.series * 0.002), self.expected, self.before, 0.0
+        noise, x, curvature, nats = Noise.at_first(self.lab.series), self.expected, self.before, 0.0
         for _ in range(_ROUNDS if self.recordings else 0):
             doubted = replace(noise, doubt=LASTING_DOUBT, sudden=SUDDEN)
             curvature, score, nats = self.before.copy(), np.zeros(x.size), 0.0

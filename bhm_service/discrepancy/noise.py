@@ -21,6 +21,7 @@ SUDDEN = 0.2  # of the ohmic drop of a sudden change: what relaxes within a samp
 # What a model gets wrong it gets wrong alike in all flights of a kind: they are not independent witnesses of it.
 WITNESSES, MOST_DOUBT = 1.0 / 3.0, 3.0
 LASTING_DOUBT = 8.0  # times a variance: what a model leaves lasts longer than any colour that its noise is given
+CELL_FLOOR_V = 0.002  # [V]: no cell's voltage is measured and modelled closer
 MOST_PHI = 0.998  # of noise: what lasts longer than minutes is none
 _CLIP = 4.0  # standard deviations beyond which an innovation counts no more
 _RARELY = 0.01
@@ -40,6 +41,11 @@ class Noise:
     sigma_v: float
     sudden: float = 0.0  # of the ohmic drop of a sudden change: what a model is off by beside it
     doubt: float = 1.0  # times the variance that an innovation is given beside what noise gives it
+
+    @classmethod
+    def at_first(cls, series: int) -> Noise:
+        """What residuals of so many cells in ``series`` are held for before they are known: slow for the most part."""
+        return cls(0.98, 0.8, series * CELL_FLOOR_V)
 
     @property
     def total_v(self) -> float:

@@ -18,8 +18,8 @@ import numpy as np
 from bhm_service.discrepancy.fitting import Fitted, one_step, weights
 from bhm_service.discrepancy.lab import hats
 from bhm_service.discrepancy.locate import variables
+from bhm_service.discrepancy.odds import NATS
 from bhm_service.discrepancy.readings import bridged
-from bhm_service.discrepancy.search import NATS
 from bhm_service.units import ZERO_CELSIUS_K, Array, Flags
 
 Kind = Literal["voltage", "resistance"]

@@ -10,6 +10,7 @@ import numpy as np
 
 from bhm_service.battery.effects import EFFECTS, OcvShape
 from bhm_service.discrepancy.alikeness import FlightSpread
+from bhm_service.discrepancy.bent_curve import bent_curve
 from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.cores import on_cores
 from bhm_service.discrepancy.first_order import expected_snr, linear_gain, saturated_noise
@@ -17,59 +18,18 @@ from bhm_service.discrepancy.fitting import Bare, Fitted, cost_of, fit
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.marginal import likelier, likeliest
 from bhm_service.discrepancy.noise import Noise
+from bhm_service.discrepancy.odds import LAWS, LEAST_SNR, NATS, NEAR, STRONG, Names, needed
 from bhm_service.discrepancy.onset import begun, later
 from bhm_service.discrepancy.starts import bends_the_lab, carried, colder, hides, seeks, starts_of, vanished
 from bhm_service.discrepancy.steps import contact_candidate, episodes
 from bhm_service.discrepancy.valleys import SKEW, across, by_equation, fit_over_valleys, less_charged
 from bhm_service.units import Array
 
-NATS = 10.0  # that a member of a set has to earn against the best set without it
-NEAR = 6.0  # [nats] within which two explanations cannot be told apart
-# Evidence from which on the flights say which of two is likelier, odds of twenty to one, and not how common they are
-# ("strong": Kass and Raftery 1995).
-STRONG = 3.0
-# What a model of a cell gets wrong by its structure looks like these. So they have to earn more before they are
-# called physics of this pack; a skew looks like what relaxes faster than a lab samples.
-STRUCTURAL = frozenset(
-    {"ocv-shape", "resistance-shape", "slow-diffusion", "charge-transfer", "hysteresis", "rate-capacity", "time-skew"}
-)
-_STRUCTURAL_NATS = 30.0
-# What stands beside another effect of temperature is what an inexact equation of that one leaves, more often than not.
-COMPANIONS = frozenset({"core-lag", "entropic-voltage", "cold-capacity"})
-# A course over the charge that is free at every knot follows nearly anything: only where no equation comes near it.
-FREE = frozenset({"ocv-shape", "resistance-shape"})
-_FREE_NATS = 60.0
-# What no cell is without, by a size that is known before: where what drives it was recorded, the battery file lacks a
-# law, not a thing that may have happened to the pack. That it holds needs no long odds, only that flights show it.
-LAWS = frozenset({"resistance-temperature", "self-discharge"})
-# Of what is asked of these, where what the structure gets wrong in the lab is known and taken off already.
-_TOLD_SHARE = 0.6
-_TOLD = STRUCTURAL - {"time-skew"}  # no lab sees what relaxes faster than it samples
-LEAST_SNR = 3.0  # below, these recordings cannot show an effect of the usual size
 _TRIED_SNR = 1.0  # below, they could not even show one of several times that
 _WIDTH, _DEPTH, _EXPANSIONS = 3, 3, 4
 _PAIR = 2  # effects: what joins two and earns its place is among the first of what looks best
 
 Progress = Callable[[str], None]
-Names = frozenset[str]
-
-
-def needed(name: str, told: bool = False, alone: bool = False) -> float:
-    """What a member has to earn, whether or not the lab ``told`` what its model's form is off by. [nats]
-
-    Where it told that, only noise is left to look like structure ``alone``; beside another effect there is also what
-    the equation of that one leaves.
-    """
-    if told and alone and name in _TOLD - FREE:
-        return NATS
-    if name in FREE:
-        return share_asked(name, told) * _FREE_NATS
-    return share_asked(name, told) * _STRUCTURAL_NATS if name in STRUCTURAL | COMPANIONS else NATS
-
-
-def share_asked(name: str, told: bool) -> float:
-    """Of what is asked of a member that looks like a model's structure, where the lab ``told`` what that is off by."""
-    return _TOLD_SHARE if told and name in _TOLD else 1.0
 
 
 @dataclass(slots=True)
@@ -220,11 +180,6 @@ class Search:
         return frozenset(name for name in laws if self.snr.get(name, LEAST_SNR) >= LEAST_SNR)
 
     @property
-    def structural(self) -> float:
-        """What has to be earned here by what looks like an error of a model's structure. [nats]"""
-        return (_TOLD_SHARE if self.base.lab.form_told else 1.0) * _STRUCTURAL_NATS
-
-    @property
     def inflation(self) -> float:
         """Of the noise's variance, so that the best fit is as good as the noise says."""
         return max(1.0, min(f.misfit for f in self.fits.values()))
@@ -263,7 +218,7 @@ def by_members(at: Fitted) -> Array:
 
 def search(base: Joint, candidates: Sequence[Candidate], progress: Progress = lambda _: None, cores: int = 1) -> Search:
     """All sets worth comparing, fitted; the noise is taken again once the largest effects are known."""
-    start = fit(base, Noise(0.98, 0.8, base.lab.series * 0.002))
+    start = fit(base, Noise.at_first(base.lab.series))
     noise = saturated_noise(start, candidates)
     progress("one effect at a time")
     found = Search(base, tuple(candidates), noise, cores=cores)
@@ -290,6 +245,7 @@ def search(base: Joint, candidates: Sequence[Candidate], progress: Progress = la
     best_alone = [names for names in found.ranked() if len(names) == 1][: 2 * _WIDTH]
     again.fit_all({names: found.fits[names] for names in best_alone})
     _grow(again, depth=_DEPTH, progress=progress)
+    again.bent = bent_curve(again.fitted(frozenset()), base.lab) is not None
     return again
 
 

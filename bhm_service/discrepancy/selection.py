@@ -11,8 +11,9 @@ from scipy.stats import pearsonr
 
 from bhm_service.battery.effects import EFFECTS, ContactResistance
 from bhm_service.discrepancy.fitting import Fitted
+from bhm_service.discrepancy.odds import COMPANIONS, NATS, NEAR, STRONG, STRUCTURAL, Names, share_asked, structural
 from bhm_service.discrepancy.physical import physical
-from bhm_service.discrepancy.search import COMPANIONS, NATS, NEAR, STRONG, STRUCTURAL, Names, Search, share_asked
+from bhm_service.discrepancy.search import Search
 from bhm_service.units import Array
 
 # What has to be explained by the equations themselves before anything is said, where nothing tells what the model's
@@ -234,7 +235,7 @@ def _explains(found: Search, names: Names) -> bool:
         name in clear or alone * (earned[name] - beside[name]) + beside[name] > found.heard(name)
         for name, alone in zip(members, others, strict=True)
     )
-    finer = all(earned[name] >= found.structural for name in _opposed(found, names))
+    finer = all(earned[name] >= structural(found.base.lab.form_told) for name in _opposed(found, names))
     enough = whole > MUCH or _credit(found, names) > _CLAIM_NATS or found.measured(names) or names <= clear
     return each and finer and enough
 

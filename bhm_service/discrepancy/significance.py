@@ -11,7 +11,8 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from bhm_service.discrepancy.first_order import Geometry, candidate_geometry
-from bhm_service.discrepancy.search import Names, Search
+from bhm_service.discrepancy.odds import Names
+from bhm_service.discrepancy.search import Search
 from bhm_service.units import Array
 
 NULLS = 200

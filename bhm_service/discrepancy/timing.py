@@ -6,7 +6,7 @@ from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.discrepancy.crossing import Witness
 from bhm_service.discrepancy.fitting import Fitted, fit
 from bhm_service.discrepancy.flights import usual_step_s
-from bhm_service.discrepancy.search import NATS, Names
+from bhm_service.discrepancy.odds import NATS, Names
 from bhm_service.discrepancy.valleys import SKEW
 
 

@@ -11,7 +11,8 @@ from bhm_service.discrepancy.decoys import BEATEN
 from bhm_service.discrepancy.explanation import Contest, Course, Left
 from bhm_service.discrepancy.findings import Verdict
 from bhm_service.discrepancy.fitting import Fitted
-from bhm_service.discrepancy.search import LEAST_SNR, Search
+from bhm_service.discrepancy.odds import LEAST_SNR
+from bhm_service.discrepancy.search import Search
 from bhm_service.discrepancy.selection import LEAST_V, Selection
 from bhm_service.discrepancy.slow import SLOW_S, slow, slow_samples, without_strays
 from bhm_service.units import Array

@@ -18,7 +18,7 @@ from bhm_service.discrepancy.demand_model import LEVEL_SD
 from bhm_service.discrepancy.demand_side import DemandSide, NotLooked
 from bhm_service.discrepancy.explanation import Course, Explanation
 from bhm_service.discrepancy.labels import flight_name
-from bhm_service.discrepancy.search import NEAR
+from bhm_service.discrepancy.odds import NEAR
 from bhm_service.reporting import explained_tables as tables
 from bhm_service.reporting.explained_demand import (
     LASTS_HEADER,

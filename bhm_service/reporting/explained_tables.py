@@ -13,7 +13,7 @@ from bhm_service.discrepancy.confirm import LeftOutFlight
 from bhm_service.discrepancy.explanation import Explanation
 from bhm_service.discrepancy.findings import EffectFound, Quantity
 from bhm_service.discrepancy.labels import flight_name
-from bhm_service.discrepancy.search import NEAR, Names
+from bhm_service.discrepancy.odds import NEAR, Names
 from bhm_service.discrepancy.words import region_in_words
 from bhm_service.reporting.words import duration
 from bhm_service.units import ZERO_CELSIUS_K

@@ -13,7 +13,8 @@ from bhm_service.discrepancy.advice import advice
 from bhm_service.discrepancy.decoys import contests
 from bhm_service.discrepancy.first_order import expected_snr
 from bhm_service.discrepancy.manoeuvres import MENU
-from bhm_service.discrepancy.search import LEAST_SNR, Search, search
+from bhm_service.discrepancy.odds import LEAST_SNR
+from bhm_service.discrepancy.search import Search, search
 from bhm_service.discrepancy.selection import NOTHING, Selection
 
 WARMTH = frozenset({"resistance-temperature"})

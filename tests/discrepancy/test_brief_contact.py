@@ -9,7 +9,7 @@ from discrepancy.flown import SERIES, flown, off_by_its_curve, searching
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.courses import courses_of
-from bhm_service.discrepancy.search import NATS
+from bhm_service.discrepancy.odds import NATS
 from bhm_service.discrepancy.selection import LEAST_V, added, select
 from bhm_service.discrepancy.steps import contact_candidate, episodes
 from bhm_service.discrepancy.summary import shares_of

@@ -20,7 +20,7 @@ from bhm_service.discrepancy.demand_search import choose, search
 from bhm_service.discrepancy.demand_side import DemandSide, NotLooked, demand_side
 from bhm_service.discrepancy.fitting import fit
 from bhm_service.discrepancy.noise import Noise
-from bhm_service.discrepancy.search import NATS, STRONG
+from bhm_service.discrepancy.odds import NATS, STRONG
 from bhm_service.discrepancy.sidecar import Notes
 from bhm_service.errors import BadInputError
 from bhm_service.prediction.demand_file import known_demand, with_demand

@@ -10,8 +10,8 @@ from discrepancy.flown import base, four, told_its_form
 
 from bhm_service.discrepancy.fitting import fit
 from bhm_service.discrepancy.noise import Noise
+from bhm_service.discrepancy.odds import NATS
 from bhm_service.discrepancy.patterns import patterns, telling
-from bhm_service.discrepancy.search import NATS
 from bhm_service.discrepancy.words import left_in_words
 
 NOISE = Noise(0.95, 0.7, 0.008)

@@ -24,7 +24,8 @@ from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.explain import Request, explain
 from bhm_service.discrepancy.first_order import saturated_noise
 from bhm_service.discrepancy.fitting import fit
-from bhm_service.discrepancy.search import Search, needed, search
+from bhm_service.discrepancy.odds import needed
+from bhm_service.discrepancy.search import Search, search
 from bhm_service.discrepancy.selection import select, share
 
 FLOWN = [*((name, "circ") for name in SIZES), ("resistance-growth", "chem")]

@@ -11,7 +11,7 @@ from discrepancy.unrecorded import days, warmed
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.first_order import expected_snr
-from bhm_service.discrepancy.search import NATS, STRONG
+from bhm_service.discrepancy.odds import NATS, STRONG
 from bhm_service.discrepancy.selection import MUCH, select, share
 from bhm_service.discrepancy.sidecar import Notes
 

@@ -12,7 +12,7 @@ from bhm_service.battery.cell import Modifiers
 from bhm_service.battery.dynamics import Follower
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.crossing import witness
-from bhm_service.discrepancy.search import NATS, needed
+from bhm_service.discrepancy.odds import NATS, needed
 from bhm_service.discrepancy.selection import MUCH, select, share
 from bhm_service.discrepancy.timing import by_samples, timed
 
