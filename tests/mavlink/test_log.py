@@ -164,6 +164,13 @@ def test_tables_with_bad_rows_keep_the_good_ones(tmp_path):
     assert "1 rows" in " ".join(log.remarks())
 
 
+def test_a_table_may_have_its_cells_in_columns(tmp_path):
+    """One that was not read leaves its sample without cells; all alike they are an average, as in a tlog."""
+    path = tmp_path / "flight.csv"
+    path.write_text("t_s,V,I,cell2_V,cell1_V\n0,7.9,1,3.9,4.0\n1,7.8,1,,4.0\n2,7.8,1,3.9,3.9\n3,7.7,1,3.8,3.9\n")
+    assert [m.cells_v for m in messages_of(read_log(path), BatteryStatus)] == [(4.0, 3.9), None, None, (3.9, 3.8)]
+
+
 @pytest.mark.parametrize(
     ("content", "said"),
     [
@@ -175,6 +182,7 @@ def test_tables_with_bad_rows_keep_the_good_ones(tmp_path):
         (b"\xa3\x95\x80", "no message of an autopilot"),
         (b"\x1f\x8b garbage that is not gzip", "damaged gzip"),
         (b"t_s,V\n0,16\n", "column I or current_A is missing"),
+        (b"t_s,V,I,cell1_V,cell3_V\n0,16,1,4,4\n", "column cell2_V is missing"),
     ],
 )
 def test_what_is_no_log_is_said_to_be_none(tmp_path, content, said):
