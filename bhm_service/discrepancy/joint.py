@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import prod
@@ -15,26 +14,17 @@ from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.battery.pack import PackModel, Simulation
 from bhm_service.discrepancy import forms as form
 from bhm_service.discrepancy.abreast import Abreast, abreast
-from bhm_service.discrepancy.candidate import Candidate, alike, alike_sd
+from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.flights import FlightData
-from bhm_service.discrepancy.lab import BEND_SOC, Lab, LabError
+from bhm_service.discrepancy.hypothesis import PACKS, STARTS, Hypothesis
+from bhm_service.discrepancy.lab import BEND_SOC, LabError
 from bhm_service.discrepancy.noise import Noise
 from bhm_service.discrepancy.slopes import Slopes
-from bhm_service.identification.unknowns import Block, Unknowns, joined, numbers
-from bhm_service.units import Array, Flags, Places, Value
+from bhm_service.units import Array, Places, Value
 
-# Of the state of charge at the start: charged full, by a gauge, and of a pack that nobody identified.
-FULL_SD, GAUGE_SD, GENERIC_SD = 0.01, 0.02, 0.08
-# Of a full charge, from one flight to the next: charger and pack are the same, and so is what they are off by. What the
-# MaxAmps cell gave in one discharge after another differs by 0.03-0.11 %, what NASA's cells gave by 0.24-0.68 %, with
-# what a cell regains in rests between.
-_REPEATS_SD = 0.003
 _REST_SD_V = 0.002  # of a cell, beside what the open-circuit curve is known to
 _STEP = 1e-3  # of finite differences, in standard deviations of what was known before
 _NEAR_STEP = 1e-6  # of finite differences over the charge, and over what the drop has grown to
-STARTS = "start_soc"
-_PACKS = "pack_resistance"
-_PACKS_SD, _PACKS_REACH = 0.1, 0.5  # of the logarithm: packs that nobody identified, from flight to flight
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,143 +55,19 @@ class _Run:
 
 
 @dataclass(frozen=True)
-class Joint:
-    """A hypothesis over flights: the lab's errors, each flight's start and the members' unknowns in one vector."""
+class Joint(Hypothesis):
+    """A hypothesis run along all its flights."""
 
-    lab: Lab
-    flights: tuple[FlightData, ...]
-    members: tuple[Candidate, ...] = ()
-    start_sd: tuple[float, ...] = field(default=())  # per flight; by what is known of its start where not given
-    lean: Mapping[str, float] = field(default_factory=dict)  # half the cost of one more of a number, by its block
     # By flights, the vectors that were run along them last where states act on what moves them, and their states: a
     # fit asks for a vector's residuals, and when it has taken it for their slopes.
     _last: dict[bytes, tuple[bytes, tuple[Value, ...]]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
 
-    @cached_property
-    def unknowns(self) -> Unknowns:
-        """Everything that is looked for."""
-        mean = np.array([1.0 if f.reading is None else f.reading for f in self.flights])
-        sd = np.array(self.start_sd or [self._start_sd(f) for f in self.flights])
-        sd[self._alike] = alike_sd(self._alike.size, FULL_SD, _REPEATS_SD)
-        starts = Block(
-            name=STARTS, start=mean, low=np.full(mean.size, 0.02), high=np.full(mean.size, 1.06), prior=mean, sd=sd
-        )
-        packs = [] if self.lab.identified else [numbers(_PACKS, np.zeros(len(self.flights)), _PACKS_SD, _PACKS_REACH)]
-        members = [b for c in self.members for b in c.blocks(len(self.flights))]
-        told = self.lab.form_told
-        forms = [b for c in self.members for b in form.blocks(c.id, len(self.flights), told, bool(c.inferred))]
-        return joined(self.lab.blocks(), [starts], packs, members, self.lab.additions(), forms)
-
-    @cached_property
-    def _adding(self) -> slice:
-        """Numbers that only add to the voltage: their derivatives need no run."""
-        return slice(self._lab_adding.start, self.scale.size)
-
-    @cached_property
-    def _lab_adding(self) -> slice:
-        """Those of the lab's errors."""
-        names = [b.name for b in self.lab.additions()]
-        return slice(self.places[names[0]].start, self.places[names[-1]].stop)
-
-    def _start_sd(self, flight: FlightData) -> float:
-        if not self.lab.identified:
-            return GENERIC_SD
-        return FULL_SD if flight.reading is None else GAUGE_SD
-
-    @cached_property
-    def _alike(self) -> Places:
-        """The flights that began with a full charge of which no more is known."""
-        if self.start_sd or not self.lab.identified:
-            return np.zeros(0, dtype=np.intp)
-        return np.flatnonzero([f.reading is None for f in self.flights])
-
-    def _tied(self, where: Places, apart: float) -> Array:
-        """That some numbers of the vector are alike but for ``apart``; (numbers, n)."""
-        rows = np.zeros((where.size, self.scale.size))
-        if where.size > 1:
-            rows[:, where] = alike(where.size, float(self.scale[where[0]]), apart)
-        return rows
-
-    def _alike_ties(self) -> list[Array]:
-        """That full charges are alike, and what differs little between flights."""
-        found = [self._tied(self.places[STARTS].start + self._alike, _REPEATS_SD)]
-        for u in (u for member in self.members for u in member.unknowns):
-            if u.apart is not None:
-                where = self.places[u.name]
-                found.append(self._tied(np.arange(where.start, where.stop), u.apart))
-        return found
-
-    @cached_property
-    def per_flight(self) -> frozenset[str]:
-        """Blocks that hold one number for every flight."""
-        own = {u.name for c in self.members for u in c.unknowns if u.per_flight}
-        return frozenset({STARTS, _PACKS} | own | {form.by_flight(c.id) for c in self.members})
-
-    @cached_property
-    def _columns(self) -> Places:
-        """For each flight, the numbers of the vector that a run of it depends on; (flights, numbers)."""
-        return self._of([name for name, where in self.places.items() if where.start < self._adding.start])
-
-    @cached_property
-    def _additions(self) -> Places:
-        """For each flight, the numbers of the vector that only add to its voltage, in the order of their shapes."""
-        return self._of([name for name, where in self.places.items() if where.start >= self._adding.start])
-
-    @cached_property
-    def forms(self) -> list[Places]:
-        """For each member, the numbers by which it may be off."""
-        names = [form.names_of(c.id) for c in self.members]
-        return [np.concatenate([np.arange(self.places[n].start, self.places[n].stop) for n in own]) for own in names]
-
-    @cached_property
-    def _form_knots(self) -> list[Array]:
-        """For each member, the charges at which it may be off by its own share."""
-        return [form.knots(c.id, self.lab.form_told) for c in self.members]
-
-    @cached_property
-    def _forms(self) -> list[Places]:
-        """The same flight by flight; (flights, numbers)."""
-        return [self._of(form.names_of(c.id)) for c in self.members]
-
-    def _of(self, names: list[str]) -> Places:
-        """Where some blocks stand, flight by flight: of those that hold a number for each only its own."""
-        count = len(self.flights)
-        found = [np.zeros((count, 0), dtype=np.intp)]
-        for name in names:
-            where = np.arange(self.places[name].start, self.places[name].stop)
-            found.append(where[:, None] if name in self.per_flight else np.tile(where, (count, 1)))
-        return np.concatenate(found, axis=1)
-
-    @cached_property
-    def places(self) -> dict[str, slice]:
-        """Where each block stands in the vector; of two of one name (a companion that two members have), the first."""
-        found: dict[str, slice] = {}
-        begin = 0
-        for block in self.unknowns.blocks:
-            found.setdefault(block.name, slice(begin, begin + block.size))
-            begin += block.size
-        return found
-
-    def beyond(self, other: Joint | None) -> tuple[Candidate, ...]:
-        """Its members that another hypothesis lacks."""
-        there = set() if other is None else {member.id for member in other.members}
-        return tuple(member for member in self.members if member.id not in there)
-
-    @cached_property
-    def scale(self) -> Array:
-        """Standard deviation of what was known before, of every number."""
-        return np.concatenate([b.sd for b in self.unknowns.blocks])
-
-    def values(self, x: Array) -> dict[str, Array]:
-        """Blocks of vectors (M, n) by name, each (M, size), in their own units."""
-        return {b.name: b.outer(x[:, self.places[b.name]]) for b in self.unknowns.blocks}
-
     def _pack(self, x: Array, flights: Places) -> PackModel:
         """The pack of some flights for vectors (M, n); its numbers are (M, flights, 1)."""
         values = self.values(x)
-        packs = values[_PACKS][:, flights, None] if _PACKS in values else 0.0
+        packs = values[PACKS][:, flights, None] if PACKS in values else 0.0
         lab = {b.name: values[b.name][:, :, None] for b in self.lab.blocks()}
         members = [e for c in self.members for e in c.effects(values, flights)]
         effects = [*self.lab.effects, LabError(lab, packs), *members]
@@ -286,7 +152,7 @@ class Joint:
 
     def _run(self, points: Array, group: Abreast, forms: bool = True) -> _Run:
         count = points.shape[0]
-        formed = forms and any(points[:, own].any() for own in self._forms)
+        formed = forms and any(points[:, own].any() for own in self.forms_by_flight)
         bare, of = self._bare(points if formed else points[:1])
         everything = np.vstack([points, bare])
         leading = np.zeros(everything.shape[0], dtype=np.intp)
@@ -299,11 +165,11 @@ class Joint:
         voltage = wide[:count] + self._beside(points, group, soc, grown)
         members = [wide[: rows.size] - wide[count + rows] for rows in of]
         if formed:
-            for charges, own, added in zip(self._form_knots, self._forms, members, strict=True):
+            for charges, own, added in zip(self.form_knots, self.forms_by_flight, members, strict=True):
                 voltage += form.formed(charges, points[:, own[group.places]], added, group, soc)
         rested = self._rested(pack, group, run)
         if rested is not None:
-            rested = rested[:count] + self.lab.bent_v(points[:, self._lab_adding], soc[:, :, -1])
+            rested = rested[:count] + self.lab.bent_v(points[:, self.lab_adding], soc[:, :, -1])
         added = np.array([added[0] for added in members]).reshape(-1, *soc.shape[1:])
         return _Run(voltage, rested, soc[0], added, None if grown is None else grown[:, 0])
 
@@ -317,7 +183,7 @@ class Joint:
 
         Likewise near what its members make of the drop.
         """
-        rows, of = _different(np.column_stack([self._skew_s(points), points[:, self._lab_adding]]))
+        rows, of = _different(np.column_stack([self._skew_s(points), points[:, self.lab_adding]]))
         along = [group.followed_at(float(skew)) for skew in rows[:, 0]]
         first = None if grown is None else grown[:, 0]
         own = np.stack([self.lab.beside(row[1:], *late, soc[0], first) for row, late in zip(rows, along, strict=True)])
@@ -359,9 +225,9 @@ class Joint:
         return np.stack([np.broadcast_to(t, (rows, *group.time_s.shape))[:count] for t in times])
 
     def _added(self, run: _Run, group: Abreast, skew_s: float) -> Array:
-        """What one of each number of `_additions` adds to the voltage; (numbers, F, T)."""
+        """What one of each number of `additions` adds to the voltage; (numbers, F, T)."""
         lab = self.lab.added(*group.followed_at(skew_s), run.soc, run.grown)
-        knots = zip(self._form_knots, run.members, strict=True)
+        knots = zip(self.form_knots, run.members, strict=True)
         forms = [form.shapes(charges, own, group, run.soc) for charges, own in knots]
         return np.concatenate([lab, *forms])
 
@@ -438,7 +304,7 @@ class Joint:
     def linearised(self, x: Array, noise: Noise) -> tuple[list[Array], list[Slopes]]:
         """Whitened residuals of every flight, and their derivatives by the vector in standard deviations."""
         found: dict[int, tuple[Array, Slopes]] = {}
-        used = self._columns
+        used = self.columns
         points, steps = self._moved(x, used)
         for group in abreast(self.flights):
             run = self._run(points, group)
@@ -446,7 +312,7 @@ class Joint:
             white = self._whitened(added, group, noise)
             parts = zip(group.places.tolist(), group.flights, self._rows(run, group, noise), strict=True)
             for k, (flight, data, rows) in enumerate(parts):
-                count, moved, places = data.time_s.size, used[flight], self._additions[flight]
+                count, moved, places = data.time_s.size, used[flight], self.additions[flight]
                 # A number's slopes lie side by side: they are made so.
                 slope = np.zeros((moved.size + places.size, rows.shape[1]))
                 adding = slope[moved.size :]
@@ -461,7 +327,7 @@ class Joint:
 
     def slopes_of(self, member: Candidate, x: Array, noise: Noise) -> list[Array]:
         """Derivatives (rows, numbers) of every flight's whitened residuals by the numbers of one member's effects."""
-        used = self._of([u.name for u in member.unknowns])
+        used = self.by_flight([u.name for u in member.unknowns])
         own = np.unique(used)
         points, steps = self._moved(x, used)
         found: dict[int, Array] = {}
@@ -484,43 +350,6 @@ class Joint:
         points = np.tile(x, (used.shape[1] + 1, 1))
         points[np.arange(1, used.shape[1] + 1), used] += steps[used]
         return points, steps
-
-    def leaning(self, x: Array) -> tuple[float, Array]:
-        """Half of what the vector costs by its leans, and the slopes of that in standard deviations; (n,)."""
-        by = np.zeros(self.scale.size)
-        for name, slope in self.lean.items():
-            by[self.places[name]] = slope
-        return float(by @ x), by * self.scale
-
-    def pulls(self, x: Array) -> Array:
-        """How far a vector is from what was known before, of its numbers and of their sums."""
-        return np.asarray(self._before @ self.unknowns.pulls(x)[0])
-
-    def pulled(self, name: str, x: Array) -> Array:
-        """The same of one block of the lab's errors, for itself."""
-        return self.lab.pulls(name, self.unknowns.pulls(x)[0][self.places[name]])
-
-    @cached_property
-    def of_lab(self) -> Flags:
-        """Which numbers of the vector are errors of the lab."""
-        return np.concatenate([np.full(b.size, b.name.startswith("lab_")) for b in self.unknowns.blocks])
-
-    @cached_property
-    def _before(self) -> Array:
-        """What was known before: of the lab, of full charges, and that a form changes no member's size; (rows, n)."""
-        rows = [self.lab.known(self.unknowns), *self._alike_ties()]
-        for member in self.members:
-            for name in (form.by_flight(member.id), form.by_charge(member.id)):
-                row = np.zeros((1, self.scale.size))
-                sds = self.scale[self.places[name]]
-                row[0, self.places[name]] = sds / (form.MEAN_SD * sds.size)
-                rows.append(row)
-        return np.concatenate(rows)
-
-    @cached_property
-    def known(self) -> Array:
-        """Curvature of what was known before, by the vector in its standard deviations."""
-        return np.asarray(self._before.T @ self._before)
 
 
 def _different(rows: Array) -> tuple[Array, Places]:

@@ -14,7 +14,8 @@ import numpy as np
 from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.fitting import Fitted, cost_of, fit
-from bhm_service.discrepancy.joint import STARTS, Joint
+from bhm_service.discrepancy.hypothesis import STARTS
+from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.noise import Noise
 from bhm_service.units import Array
 

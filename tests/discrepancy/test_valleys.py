@@ -13,7 +13,8 @@ from bhm_service.battery.ocv import MonotoneSpline
 from bhm_service.battery.pack import PackModel
 from bhm_service.discrepancy.crossing import witness
 from bhm_service.discrepancy.fitting import fit
-from bhm_service.discrepancy.joint import STARTS, Joint
+from bhm_service.discrepancy.hypothesis import STARTS
+from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.lab import lab_of
 from bhm_service.discrepancy.search import Search, search
 
