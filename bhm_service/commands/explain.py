@@ -21,7 +21,7 @@ from bhm_service.discrepancy.explain import Request, explain
 from bhm_service.discrepancy.explanation import Explanation
 from bhm_service.discrepancy.findings import write_findings
 from bhm_service.discrepancy.flights import read_flights
-from bhm_service.discrepancy.lab import lab_of
+from bhm_service.discrepancy.lab_file import lab_of
 from bhm_service.discrepancy.sidecar import read_sidecar
 from bhm_service.errors import BadInputError
 from bhm_service.prediction.demand_file import known_demand, with_demand

@@ -24,7 +24,8 @@ from bhm_service.discrepancy.findings import Findings, Verdict
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.flights import FlightData, LeftOut
 from bhm_service.discrepancy.joint import Joint
-from bhm_service.discrepancy.lab import Lab, lab_of
+from bhm_service.discrepancy.lab import Lab
+from bhm_service.discrepancy.lab_file import lab_of
 from bhm_service.discrepancy.locate import regime_maps, variables
 from bhm_service.discrepancy.odds import LEAST_SNR, Names
 from bhm_service.discrepancy.quantities import measured, teller

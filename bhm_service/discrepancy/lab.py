@@ -20,15 +20,11 @@ from typing import Final
 
 import numpy as np
 
-from bhm_service.battery.battery_file import BatteryFile, ModelName
+from bhm_service.battery.battery_file import ModelName
 from bhm_service.battery.cell import CellModel, Modifiers
-from bhm_service.battery.chem import Chem
-from bhm_service.battery.circ import Circ
 from bhm_service.battery.dynamics import Follower
-from bhm_service.battery.effects import DoubleLayer
 from bhm_service.battery.effects.base import Conditions, Effect
 from bhm_service.battery.left_open import LeftOpen
-from bhm_service.errors import BadInputError
 from bhm_service.identification.unknowns import Block, Unknowns, numbers
 from bhm_service.units import SECONDS_PER_HOUR, Array, Value
 
@@ -36,7 +32,7 @@ BEND_SOC = np.linspace(0.0, 1.0, 26)
 DROP_SOC = np.array([0.1, 0.3, 0.55, 0.8, 1.0])
 DROP_S = (0.0, 2.0, 8.0, 30.0, 120.0, 480.0)  # at once, then each relaxation a factor of four apart
 _DROP_TIMES = 4.0  # about: that factor
-_HOVER_C = 2.0  # [1/h] load at which what a model is off by is weighed against its voltage error
+HOVER_C = 2.0  # [1/h] load at which what a model is off by is weighed against its voltage error
 
 # Charges at which a pack may lag by its own share: diffusion in a particle goes by how full it is, tenfold in graphite,
 # and steps of a curve are a twentieth of the charge wide.
@@ -49,23 +45,17 @@ FORM: Final = {
     "lag_at": LAG_SOC.size, "curve": 2,
 }  # fmt: skip
 
-_LEAST_SD = {"resistance": 0.03, "polarisation": 0.15, "capacity": 0.01}  # of the logarithm: what a lab repeats to
-_APART = 0.3  # of a model's lasting error: what of it is another one in flight than in the lab
-# Where the lab told the form of the drop, what moves it in flight is the weather: a few kelvins, of which charge
-# transfer and diffusion make the more (design/discrepancy.md, step 1: R0 3 %, R1 10 %).
-_TOLD_POLARISATION_SD = 0.10
-_BEND_SD = (0.003, 0.010)  # [V] a cell's open-circuit curve is known to, at best and at worst
+BEND_SD = (0.003, 0.010)  # [V] a cell's open-circuit curve is known to, at best and at worst
 _BEND_SOC = 0.15  # of charge, over which a curve is off by about the same
 _ROUGH = 0.1  # of what it is off by, at each charge by itself
-_DROP_SD = (_LEAST_SD["resistance"], 0.12)  # of the resistance, at each charge and relaxation, likewise
+DROP_SD = (0.03, 0.12)  # of the resistance, at each charge and relaxation, likewise
 # Of charge at the hover, for each relaxation: electrodes give charge from their particles' surface first, so a cell
 # under load is at its curve's voltage for less charge than it holds. Steps of a curve come earlier by as much, which no
 # resistance does. From particles of 1 um (nothing) to 5 um of slow diffusion (a tenth of the charge, after minutes).
 _LAG_SD = 0.02
-_CURVE_V = 1.0  # [V] by which an open-circuit curve falls from full to empty, about: what makes a voltage of a charge
 _SECANT = 0.02  # of charge, over which the fall of a curve is taken: a lag is no derivative
 _FAST = {0.0: 3.0, 2.0: 3.0, 8.0: 2.0}  # times that: once a second hardly tells one fast relaxation from another
-_AT_ONCE_S = 2.0  # what is slower than this the lab tells from what comes at once
+AT_ONCE_S = 2.0  # what is slower than this the lab tells from what comes at once
 _LEVEL_SD = 0.05  # of the resistance at each charge, within two seconds and a minute: the lab's own load pins it down
 _LEVEL_ENDS = 3.0  # times that near full and near empty, where the lab's load is short
 _LEVEL_S = 60.0  # what comes later the lab cannot tell from the open-circuit curve
@@ -186,7 +176,7 @@ class Lab:
         """The same with as little known of its form as labs leave open at worst, ``by_charge`` of a lag at each too."""
         lag_at_sd = _LAG_SD if by_charge else 0.0
         return replace(
-            self, bend_sd_v=_BEND_SD[1], drop_sd=_DROP_SD[1], lag_sd=_LAG_SD, lag_at_sd=lag_at_sd, left_open=None
+            self, bend_sd_v=BEND_SD[1], drop_sd=DROP_SD[1], lag_sd=_LAG_SD, lag_at_sd=lag_at_sd, left_open=None
         )
 
     @property
@@ -241,7 +231,7 @@ class Lab:
         for tau in (t for t in DROP_S if t < _LEVEL_S):
             first = unknowns.slice_of(f"lab_drop_{tau:.0f}").start
             for knot in range(DROP_SOC.size):
-                rows[0 if tau <= _AT_ONCE_S else 1 :, knot, first + knot] = self.drop_sds[tau]
+                rows[0 if tau <= AT_ONCE_S else 1 :, knot, first + knot] = self.drop_sds[tau]
         known = _LEVEL_SD if self.identified else self.resistance_sd
         sds = np.where((DROP_SOC > 0.2) & (DROP_SOC < 0.9), known, _LEVEL_ENDS * known)
         return np.asarray((rows / sds[:, None]).reshape(-1, unknowns.start.size))
@@ -294,7 +284,7 @@ class Lab:
             return cell, late, np.ones(1)
         once, later = grown
         # What has hardly begun by the landing is, by as much later, begun by as much less.
-        fast, latest = sum(tau <= _AT_ONCE_S for tau in DROP_S), late[-2:-1] / _DROP_TIMES
+        fast, latest = sum(tau <= AT_ONCE_S for tau in DROP_S), late[-2:-1] / _DROP_TIMES
         sooner, own, after = late[fast - 1 : -2], late[fast:-1], np.concatenate([late[fast + 1 : -1], latest])
         places = np.clip(np.log(later) / np.log(_DROP_TIMES), -1.0, 1.0)
         slow = later * (own + 0.5 * places * (after - sooner + places * (after - 2.0 * own + sooner)))
@@ -307,7 +297,7 @@ class Lab:
     @property
     def _hover_a(self) -> float:
         """Of a cell. [A]"""
-        return _HOVER_C * self.capacity_c / self.parallel / SECONDS_PER_HOUR
+        return HOVER_C * self.capacity_c / self.parallel / SECONDS_PER_HOUR
 
     def _fall_v(self, soc: Array) -> Array:
         """By how much the open-circuit curve falls with the charge that goes out next. [V]"""
@@ -347,86 +337,6 @@ def hats(knots: Array, soc: Array) -> Array:
     np.abs(found, out=found)
     np.subtract(1.0, found, out=found)
     return np.asarray(np.maximum(found, 0.0, out=found))
-
-
-def lab_of(battery: BatteryFile, model: ModelName, series: int | None, capacity_c: float | None) -> Lab:
-    """The pack of a battery file; ``series`` and ``capacity_c`` come from the vehicle where the file is of a cell only.
-
-    Raises BadInputError when neither says how many cells there are, when they contradict each other, and where the file
-    says what its lab left open of errors that are not these.
-    """
-    cell = battery.cell(model)
-    if battery.series is not None and series is not None and battery.series != series:
-        raise BadInputError(battery.name, f"is a pack of {battery.series} cells, the vehicle file says {series}")
-    cells = battery.series if battery.series is not None else series
-    if cells is None:
-        raise BadInputError(
-            battery.name, "is a cell that any pack may be built from: how many cells?", "give the --vehicle file"
-        )
-    own = float(np.asarray(cell.capacity_c))
-    parallel = 1.0 if battery.series is not None or capacity_c is None else capacity_c / own
-    said = battery.uncertainty
-    identified = battery.series is not None and battery.bench
-    left_open = battery.left_open.get(model) if identified else None
-    by_charge = left_open is not None and "lag_at" in left_open.mean
-    sizes = [(name, size) for name, size in FORM.items() if by_charge or name != "lag_at"]
-    if left_open is not None and list(left_open.sizes.items()) != sizes:
-        raise BadInputError(
-            battery.name, f"left_open.{model} is of another version of bhm", "identify the pack again, or take it out"
-        )
-    layers = [e for e in battery.effects(model) if isinstance(e, DoubleLayer)]
-    held_back = [(layer, _transfer_ohm(cell, 2.0 * layer.exchange_current)) for layer in layers]
-    ohm = _ohm(cell) + sum(share for _, share in held_back)
-    at_once = sum(share for layer, share in held_back if float(np.asarray(layer.time_constant)) <= _AT_ONCE_S)
-    by_error = said.voltage_error_v / (ohm * _HOVER_C * own / SECONDS_PER_HOUR) / np.sqrt(len(DROP_S))
-
-    def spread(kind: str, wide: float) -> float:
-        return _LEAST_SD[kind] if identified else max(wide, _LEAST_SD[kind])
-
-    lag_sd = 0.0 if left_open is None else _APART * said.voltage_error_v / _CURVE_V / np.sqrt(len(DROP_S))
-    return Lab(
-        model=model,
-        cell=cell,
-        effects=battery.effects(model),
-        series=cells,
-        parallel=parallel,
-        ohm=ohm,
-        voltage_error_v=said.voltage_error_v,
-        identified=identified,
-        ohmic_share=(float(np.asarray(cell.r_s if isinstance(cell, Circ) else cell.r_o)) + at_once) / ohm,
-        resistance_sd=spread("resistance", said.resistance),
-        polarisation_sd=spread("polarisation", said.polarisation) if left_open is None else _TOLD_POLARISATION_SD,
-        capacity_sd=spread("capacity", said.capacity),
-        bend_sd_v=_bend_sd_v(said.voltage_error_v, identified, left_open is not None),
-        drop_sd=float(np.clip(by_error, *_DROP_SD)) if left_open is None else _APART * by_error,
-        lag_sd=lag_sd,
-        lag_at_sd=lag_sd if by_charge else 0.0,
-        left_open=left_open,
-    )
-
-
-def _bend_sd_v(error_v: float, identified: bool, form_told: bool) -> float:
-    """By how much a cell's open-circuit curve may be off, in flight only where the lab told its form. [V]"""
-    if not identified:
-        return error_v
-    # The worst is of labs that told nothing. From what a lab told a flight differs by a share of what its model is off
-    # by, however much that is.
-    least_v, most_v = _BEND_SD
-    return float(np.clip(_APART * error_v, least_v, np.inf if form_told else most_v))
-
-
-def _ohm(cell: CellModel) -> float:
-    if isinstance(cell, Circ):
-        return float(np.asarray(cell.r_s + cell.surface_resistance(np.array(0.5), Modifiers())))
-    assert isinstance(cell, Chem)
-    # At half charge, where x(1 - x) is a quarter, they are half of i_p0 and i_n0.
-    return float(np.asarray(cell.r_o)) + _transfer_ohm(cell, cell.i_p0) + _transfer_ohm(cell, cell.i_n0)
-
-
-def _transfer_ohm(cell: CellModel, twice_exchange: Value) -> float:
-    """Of charge transfer at 1C, by twice its exchange current."""
-    one_c = float(np.asarray(cell.capacity_c)) / SECONDS_PER_HOUR
-    return float(2.0 * 0.0257 * np.arcsinh(one_c / np.asarray(twice_exchange)) / one_c)
 
 
 class LabError(Effect):

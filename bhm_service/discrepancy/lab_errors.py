@@ -16,7 +16,8 @@ from bhm_service.battery.battery_file import BatteryFile
 from bhm_service.battery.left_open import LeftOpen, left_open
 from bhm_service.discrepancy.abreast import sudden
 from bhm_service.discrepancy.fitting import weights
-from bhm_service.discrepancy.lab import Lab, followed, lab_of
+from bhm_service.discrepancy.lab import Lab, followed
+from bhm_service.discrepancy.lab_file import lab_of
 from bhm_service.discrepancy.noise import LASTING_DOUBT, MOST_PHI, SUDDEN, Noise, estimated
 from bhm_service.discrepancy.readings import bridged
 from bhm_service.identification.curve import LOW_SOC

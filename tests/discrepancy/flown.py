@@ -15,7 +15,8 @@ from bhm_service.battery.pack import PackModel
 from bhm_service.discrepancy.candidate import candidates
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.joint import Joint
-from bhm_service.discrepancy.lab import FORM, lab_of
+from bhm_service.discrepancy.lab import FORM
+from bhm_service.discrepancy.lab_file import lab_of
 from bhm_service.discrepancy.noise import estimated
 from bhm_service.discrepancy.search import Search
 from bhm_service.discrepancy.sidecar import Notes

@@ -17,7 +17,8 @@ from bhm_service.discrepancy.explanation import Course
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.joint import Joint
-from bhm_service.discrepancy.lab import Lab, lab_of
+from bhm_service.discrepancy.lab import Lab
+from bhm_service.discrepancy.lab_file import lab_of
 from bhm_service.discrepancy.noise import Noise
 from bhm_service.discrepancy.search import Search
 from bhm_service.units import ZERO_CELSIUS_K

@@ -13,7 +13,7 @@ from bhm_service.battery.uncertainty import Uncertainty
 from bhm_service.discrepancy.bent_curve import bent_curve, bumped_curve
 from bhm_service.discrepancy.decision import outweighed
 from bhm_service.discrepancy.explain import Request, explain
-from bhm_service.discrepancy.lab import lab_of
+from bhm_service.discrepancy.lab_file import lab_of
 from bhm_service.discrepancy.search import search
 from bhm_service.discrepancy.selection import NOTHING, select
 from bhm_service.discrepancy.words import left_in_words

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.bent_lab import BentLab, bent_lab, unlikely
 from bhm_service.discrepancy.decision import outweighed
-from bhm_service.discrepancy.lab import lab_of
+from bhm_service.discrepancy.lab_file import lab_of
 from bhm_service.discrepancy.odds import NATS
 from bhm_service.discrepancy.selection import NOTHING
 from bhm_service.discrepancy.verdict import moved

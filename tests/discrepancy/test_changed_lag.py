@@ -13,7 +13,7 @@ from bhm_service.discrepancy.changed_lag import changed_lag
 from bhm_service.discrepancy.decision import outweighed
 from bhm_service.discrepancy.fitting import fit
 from bhm_service.discrepancy.joint import Joint
-from bhm_service.discrepancy.lab import lab_of
+from bhm_service.discrepancy.lab_file import lab_of
 from bhm_service.discrepancy.selection import NOTHING
 from bhm_service.discrepancy.words import left_in_words
 

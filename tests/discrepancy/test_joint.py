@@ -13,7 +13,7 @@ from bhm_service.battery.pack import PackModel
 from bhm_service.discrepancy.confirm import restricted, subset
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.joint import Joint
-from bhm_service.discrepancy.lab import lab_of
+from bhm_service.discrepancy.lab_file import lab_of
 from bhm_service.discrepancy.noise import Noise
 
 NOISE = Noise(0.95, 0.7, 0.008)

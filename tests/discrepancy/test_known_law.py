@@ -14,7 +14,7 @@ from bhm_service.battery.effects import EFFECTS
 from bhm_service.battery.uncertainty import Uncertainty
 from bhm_service.discrepancy.explain import Request, explain
 from bhm_service.discrepancy.joint import Joint
-from bhm_service.discrepancy.lab import lab_of
+from bhm_service.discrepancy.lab_file import lab_of
 from bhm_service.discrepancy.search import search
 from bhm_service.discrepancy.selection import select
 

@@ -13,7 +13,8 @@ from bhm_service.battery.battery_file import BatteryFile, Joined
 from bhm_service.battery.effects import DoubleLayer
 from bhm_service.battery.left_open import left_open
 from bhm_service.battery.uncertainty import Uncertainty
-from bhm_service.discrepancy.lab import BEND_SOC, DROP_S, DROP_SOC, FORM, followed, lab_of
+from bhm_service.discrepancy.lab import BEND_SOC, DROP_S, DROP_SOC, FORM, followed
+from bhm_service.discrepancy.lab_file import lab_of
 from bhm_service.errors import BadInputError
 
 GENERIC = BatteryFile(name="generic", circ=circ(), uncertainty=Uncertainty(resistance=0.5, capacity=0.1))

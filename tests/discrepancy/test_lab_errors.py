@@ -11,8 +11,9 @@ from discrepancy.flown import BATTERY, SERIES, flown, noise
 
 from bhm_service.battery.pack import PackModel
 from bhm_service.discrepancy.joint import Joint
-from bhm_service.discrepancy.lab import BEND_SOC, DROP_SOC, LAG_SOC, followed, lab_of
+from bhm_service.discrepancy.lab import BEND_SOC, DROP_SOC, LAG_SOC, followed
 from bhm_service.discrepancy.lab_errors import Followed, lab_errors
+from bhm_service.discrepancy.lab_file import lab_of
 from bhm_service.identification.curve import LOW_SOC
 from bhm_service.identification.experiment import Experiment, Kind
 

@@ -10,7 +10,7 @@ import pytest
 from discrepancy.flown import BATTERY, four, noise, noise_model, searching
 
 from bhm_service.discrepancy.decision import outweighed
-from bhm_service.discrepancy.lab import lab_of
+from bhm_service.discrepancy.lab_file import lab_of
 from bhm_service.discrepancy.recurring import recurring
 from bhm_service.discrepancy.selection import NOTHING
 from bhm_service.discrepancy.words import left_in_words

@@ -13,7 +13,7 @@ from bhm_service.battery.effects import EFFECTS, SelfHeating, SlowDiffusion
 from bhm_service.battery.pack import PackModel
 from bhm_service.discrepancy.fitting import fit
 from bhm_service.discrepancy.joint import Joint
-from bhm_service.discrepancy.lab import lab_of
+from bhm_service.discrepancy.lab_file import lab_of
 from bhm_service.discrepancy.repair import flying, patched, repaired, retuned
 from bhm_service.estimation.tracker import Tracker
 from bhm_service.messages import BatterySample, Model

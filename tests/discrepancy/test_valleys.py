@@ -15,7 +15,7 @@ from bhm_service.discrepancy.crossing import witness
 from bhm_service.discrepancy.fitting import fit
 from bhm_service.discrepancy.hypothesis import STARTS
 from bhm_service.discrepancy.joint import Joint
-from bhm_service.discrepancy.lab import lab_of
+from bhm_service.discrepancy.lab_file import lab_of
 from bhm_service.discrepancy.search import Search, search
 
 _SOC = np.linspace(0.0, 1.0, 801)

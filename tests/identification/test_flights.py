@@ -13,7 +13,7 @@ from bhm_service.battery.battery_file import BatteryFile, read_battery, write_ba
 from bhm_service.battery.circ import Circ
 from bhm_service.battery.ocv import MonotoneSpline
 from bhm_service.battery.pack import PackModel
-from bhm_service.discrepancy.lab import lab_of
+from bhm_service.discrepancy.lab_file import lab_of
 from bhm_service.errors import BadInputError
 from bhm_service.identification.experiment import Experiment, Kind
 from bhm_service.identification.flight_log import read_flights

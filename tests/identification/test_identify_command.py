@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from bhm_service.battery.battery_file import read_battery
 from bhm_service.cli import cli
-from bhm_service.discrepancy.lab import lab_of
+from bhm_service.discrepancy.lab_file import lab_of
 from bhm_service.errors import BadInputError
 
 CASES = Path(__file__).resolve().parents[3] / "shared" / "cases"
