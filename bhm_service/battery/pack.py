@@ -25,7 +25,7 @@ _SWEEP_TOLERANCE = 1e-10  # of a state's size: with temperatures 3e-8 K, which i
 # Likewise of what is only compared with a run that it hardly differs from: a thousandth of what a step of differences
 # does to a temperature.
 _NEAR_TOLERANCE = 1e-6
-_NEAR_WINDOW_S = 240.0  # of many such runs: what is swept should fit a processor's cache
+_NEAR_SAMPLES = 240  # of a window of many such runs: what is swept should fit a processor's cache
 
 
 @dataclass(frozen=True, slots=True)
@@ -326,7 +326,7 @@ class PackModel:
         elapsed = np.cumsum(longest)
         per_ampere = -1.0 / self.capacity_c
         pieces: list[States] = []
-        low, width = 0, _WINDOW_S if near is None else _NEAR_WINDOW_S
+        low, width = 0, _WINDOW_S if near is None else _NEAR_SAMPLES * float(np.median(longest))
         while low < elapsed.size:
             since = elapsed[low] - longest[low]
             high = max(int(np.searchsorted(elapsed, since + width, side="right")), low + 1)
