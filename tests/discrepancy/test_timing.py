@@ -81,12 +81,13 @@ def test_what_is_later_than_any_filter_is_not_laid_on_the_lab():
 
 
 def test_the_logs_own_samples_are_fitted_from_where_the_averages_are():
-    """A fit of many samples that begins far from them stops on the way, and leaves the skew nothing to earn."""
-    flights = told(seconds_late=1.3, faded=0.4)
+    """A fit of many samples that begins far from them may stop on the way: how far it comes is of the processor."""
+    flights = told(seconds_late=1.3, faded=0.3)
     found = over_averages(flights, SKEW | FADE)
-    tried = catalogue(flights, only=SKEW | FADE)
-    assert not timed(witness(base(flights).lab, base(flights), tried), SKEW | FADE)
-    assert timed(witness(base(flights).lab, base(flights), tried, near=found), SKEW | FADE)
+    closer = witness(base(flights).lab, base(flights), catalogue(flights, only=SKEW | FADE), near=found)
+    assert timed(closer, SKEW | FADE)
+    fitted = closer.fitted(SKEW | FADE)
+    assert fitted.x[fitted.joint.places["capacity-fade.fade"]][0] == pytest.approx(0.3, abs=0.01)
 
 
 def test_a_skew_that_is_known_to_be_absent_leaves_what_explains_the_larger_part_of_it_without():
