@@ -94,12 +94,16 @@ class Hypothesis:
     @cached_property
     def columns(self) -> Places:
         """For each flight, the numbers of the vector that a run of it depends on; (flights, numbers)."""
-        return self.by_flight([name for name, where in self.places.items() if where.start < self.lab_adding.start])
+        return self.places_by_flight(
+            [name for name, where in self.places.items() if where.start < self.lab_adding.start]
+        )
 
     @cached_property
     def additions(self) -> Places:
         """For each flight, the numbers of the vector that only add to its voltage, in the order of their shapes."""
-        return self.by_flight([name for name, where in self.places.items() if where.start >= self.lab_adding.start])
+        return self.places_by_flight(
+            [name for name, where in self.places.items() if where.start >= self.lab_adding.start]
+        )
 
     @cached_property
     def forms(self) -> list[Places]:
@@ -110,14 +114,14 @@ class Hypothesis:
     @cached_property
     def forms_by_flight(self) -> list[Places]:
         """The same flight by flight; (flights, numbers)."""
-        return [self.by_flight(form.names_of(c.id)) for c in self.members]
+        return [self.places_by_flight(form.names_of(c.id)) for c in self.members]
 
     @cached_property
     def form_knots(self) -> list[Array]:
         """For each member, the charges at which it may be off by its own share."""
         return [form.knots(c.id, self.lab.form_told) for c in self.members]
 
-    def by_flight(self, names: list[str]) -> Places:
+    def places_by_flight(self, names: list[str]) -> Places:
         """Where some blocks stand, flight by flight: of those that hold a number for each only its own."""
         count = len(self.flights)
         found = [np.zeros((count, 0), dtype=np.intp)]

@@ -327,7 +327,7 @@ class Joint(Hypothesis):
 
     def slopes_of(self, member: Candidate, x: Array, noise: Noise) -> list[Array]:
         """Derivatives (rows, numbers) of every flight's whitened residuals by the numbers of one member's effects."""
-        used = self.by_flight([u.name for u in member.unknowns])
+        used = self.places_by_flight([u.name for u in member.unknowns])
         own = np.unique(used)
         points, steps = self._moved(x, used)
         found: dict[int, Array] = {}

@@ -90,7 +90,7 @@ def _battery(time_s: float, values: dict[str, float | None], cells: list[float |
         time_s=time_s,
         battery_id=0,
         voltage_v=values[_VOLTS],
-        cells_v=measured_cells(measured) if measured and len(measured) == len(cells) else None,
+        cells_v=measured_cells(measured) if len(measured) == len(cells) else None,
         current_a=values[_AMPS],
         temperature_k=None if celsius is None else kelvin(celsius),
         consumed_c=None if used is None else used * 3.6,
