@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bhm_service.battery.effects import EFFECTS
 from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.discrepancy import verdict
 from bhm_service.discrepancy.bent_curve import bent_curve, bumped_curve
@@ -22,7 +23,7 @@ from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.lab import Lab
 from bhm_service.discrepancy.odds import NATS, NEAR, STRUCTURAL, Names
-from bhm_service.discrepancy.patterns import Pattern, telling
+from bhm_service.discrepancy.patterns import BOARD, Pattern, telling
 from bhm_service.discrepancy.recurring import recurring
 from bhm_service.discrepancy.search import Search
 from bhm_service.discrepancy.selection import MUCH, NOTHING, Selection, select, share
@@ -105,8 +106,9 @@ def _witnessed(found: Search, earned: Mapping[str, float]) -> bool:
 def outweighed(found: Search, chosen: Selection, lab: Lab, logs: Sequence[FlightData]) -> tuple[Selection, Left | None]:
     """The selection and what it leaves; nothing is selected where what is left tells more than it does.
 
-    What by itself explains much of the misfit stays, with an unexplained rest. What looks like a model's structure is
-    no physics of this pack where something without a name does as well. ``logs`` are the flights at their own rate.
+    What by itself explains much of the misfit stays, with an unexplained rest, unless what no battery has to do with
+    says more in its place. What looks like a model's structure is no physics of this pack where something without a
+    name does as well. ``logs`` are the flights at their own rate.
     """
     fitted = found.fitted(chosen.names)
     # Neither is an error of the lab, however small: no model of a cell keeps time, or changes within a second.
@@ -116,11 +118,28 @@ def outweighed(found: Search, chosen: Selection, lab: Lab, logs: Sequence[Flight
         return chosen, left or bent or _everywhere(found, fitted, lab)
     if left is not None and left.nats > found.evidence(chosen.names) and share(found, chosen.names) < MUCH:
         return NOTHING, left
+    foreign = _foreign(found, chosen.names, left)
+    if foreign is not None:
+        return NOTHING, foreign
     if chosen.names <= STRUCTURAL:
         bare = telling(found.fitted(frozenset()))
         if bare is not None and bare.nats > found.evidence(chosen.names) - NATS:
             return NOTHING, bare
     return chosen, left
+
+
+def _foreign(found: Search, names: Names, left: Left | None) -> Pattern | None:
+    """A line over what no battery has to do with that is likelier than a set with what it leaves, each with its odds.
+
+    What follows the autopilot's own temperature, an offset and a gain follow by halves. Where an autopilot is warm a
+    pack is: what a pack's warmth drives is never put out by it.
+    """
+    line = telling(found.fitted(frozenset()), lines_only=True)
+    if line is None or (line.variable == BOARD and any("temperature" in EFFECTS[name].drivers for name in names)):
+        return None
+    beside = 0.0 if left is None else left.nats - NATS
+    set_of_them = found.evidence(names) - sum(found.needed(name, names) for name in names) + beside
+    return line if line.nats - NATS > set_of_them + NEAR else None
 
 
 def _everywhere(found: Search, fitted: Fitted, lab: Lab) -> BentLab | None:

@@ -30,8 +30,9 @@ VOLTAGE_SD = 0.01  # [V] of a cell: what a pattern is expected to be off by
 _RESISTANCE_SD = 0.15  # of the pack's resistance, likewise
 _OPEN = frozenset({"soc", "current_A"})  # over these the lab leaves both open already
 _KINDS: tuple[Kind, ...] = ("voltage", "resistance")
+BOARD = "board_C"
 # What these have nothing to do with in a battery. Where an autopilot is warm a pack is, and its resistance follows.
-_FOREIGN: dict[str, tuple[Kind, ...]] = {"speed_mps": _KINDS, "altitude_m": _KINDS, "board_C": ("voltage",)}
+_FOREIGN: dict[str, tuple[Kind, ...]] = {"speed_mps": _KINDS, "altitude_m": _KINDS, BOARD: ("voltage",)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +74,7 @@ def patterns(fitted: Fitted, lines_only: bool = False) -> list[Pattern]:
     lengths = [f.time_s.size for f in flights]
     # How warm an autopilot is goes with how warm its pack is and how long it flies: no form but a line is looked at.
     board = [f.board_k for f in flights if f.board_k is not None]
-    boards = {"board_C": np.concatenate(board) - ZERO_CELSIUS_K} if len(board) == len(flights) else {}
+    boards = {BOARD: np.concatenate(board) - ZERO_CELSIUS_K} if len(board) == len(flights) else {}
     forms = [(n, _line(v, lengths), _FOREIGN[n]) for n, v in (over | boards).items() if n in _FOREIGN]
     if not lines_only:
         forms += [(n, _triangles(v), _KINDS) for n, v in over.items() if n not in _OPEN]

@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from discrepancy.flown import base, four, told_its_form
+from discrepancy.flown import base, four, searching, told_its_form
 
+from bhm_service.discrepancy.decision import outweighed
 from bhm_service.discrepancy.fitting import fit
 from bhm_service.discrepancy.noise import Noise
 from bhm_service.discrepancy.odds import NATS
 from bhm_service.discrepancy.patterns import patterns, telling
+from bhm_service.discrepancy.selection import Selection
 from bhm_service.discrepancy.words import left_in_words
 
 NOISE = Noise(0.95, 0.7, 0.008)
@@ -132,3 +134,33 @@ def test_lines_over_what_has_nothing_to_do_with_the_battery_tell_nothing():
         assert {p.variable for p in lines} == {"board_C", "speed_mps", "altitude_m"}
         most.append(max(p.nats for p in lines))
     assert max(most) < 0.5 * NATS
+
+
+def standing(flights, *names):
+    """What stands of a set that a search would have chosen, and what it leaves, where the lab told its form."""
+    found = searching(flights, names)
+    found.base = replace(found.base, lab=told_its_form(found.base.lab))
+    chosen, left = outweighed(found, Selection(frozenset(names), (), {}, {}), found.base.lab, flights)
+    return chosen.names, left
+
+
+@pytest.mark.parametrize("volts_per_k", [-0.01, 0.006])
+@pytest.mark.parametrize("names", [("voltage-gain", "voltage-offset"), ("voltage-offset",), ("current-offset",)])
+def test_a_line_stands_in_place_of_sensors_that_follow_it_by_halves(volts_per_k, names):
+    stands, left = standing(drifting(volts_per_k), *names)
+    assert stands == frozenset()
+    assert (left.variable, left.line) == ("board_C", True)
+
+
+@pytest.mark.parametrize(
+    "name", ["unseen-load", "capacity-fade", "resistance-growth", "partial-charge", "resistance-temperature"]
+)
+def test_what_a_pack_has_stands_beside_an_autopilot_that_warms_up(name):
+    stands, _ = standing([replace(f, board_k=warming(f)) for f in four(name)], name)
+    assert stands == {name}
+
+
+def test_what_follows_a_packs_own_warmth_is_not_put_out_by_an_autopilot_as_warm():
+    as_warm = [replace(f, temperature_k=f.board_k) for f in drifting(0.004)]
+    stands, _ = standing(as_warm, "entropic-voltage")
+    assert stands == {"entropic-voltage"}
