@@ -14,7 +14,7 @@ from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.discrepancy import verdict
 from bhm_service.discrepancy.bent_curve import bent_curve, bumped_curve
 from bhm_service.discrepancy.bent_lab import BentLab, bent_lab
-from bhm_service.discrepancy.changed_lag import changed_lag
+from bhm_service.discrepancy.changed_lag import ChangedLag, changed_lag
 from bhm_service.discrepancy.confirm import BRIEF, Unseen, harmful
 from bhm_service.discrepancy.crossing import Witness
 from bhm_service.discrepancy.decoys import contests
@@ -24,7 +24,7 @@ from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.lab import Lab
 from bhm_service.discrepancy.odds import NATS, NEAR, STRUCTURAL, Names
 from bhm_service.discrepancy.patterns import BOARD, Pattern, telling
-from bhm_service.discrepancy.recurring import recurring
+from bhm_service.discrepancy.recurring import Recurring, recurring
 from bhm_service.discrepancy.search import Search
 from bhm_service.discrepancy.selection import MUCH, NOTHING, Selection, select, share
 from bhm_service.discrepancy.significance import familywise
@@ -128,7 +128,7 @@ def outweighed(found: Search, chosen: Selection, lab: Lab, logs: Sequence[Flight
     return chosen, left
 
 
-def _foreign(found: Search, names: Names, left: Left | None) -> Pattern | None:
+def _foreign(found: Search, names: Names, left: Recurring | ChangedLag | Pattern | None) -> Pattern | None:
     """A line over what no battery has to do with that is likelier than a set with what it leaves, each with its odds.
 
     What follows the autopilot's own temperature, an offset and a gain follow by halves. Where an autopilot is warm a

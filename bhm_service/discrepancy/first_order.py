@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from bhm_service.discrepancy.candidate import Candidate
-from bhm_service.discrepancy.fitting import Fitted, ProblemT, one_step
+from bhm_service.discrepancy.fitting import Fitted, ProblemT, one_step, weights
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.noise import MOST_DOUBT, SUDDEN, Noise, doubt_of_alike, estimated
 from bhm_service.discrepancy.slopes import Slopes
@@ -45,6 +46,29 @@ def geometry_of(at: Fitted[ProblemT], own: Array) -> tuple[Geometry, Array]:
     # along those numbers are not for the candidate to lose.
     score = across.T @ at.gradient - own.T @ at.weighted
     return Geometry(own.T @ own - both.T @ across, at.along(across) - own), score
+
+
+class Beside(NamedTuple):
+    """What would only add to a voltage, beside all numbers of a fit (n,); of so many shapes (k,)."""
+
+    score: Array  # (k,)
+    across: Array  # (k, n) of the curvature
+    own: Array  # (k, k)
+
+    @classmethod
+    def of(cls, at: Fitted, flight: int, shapes: Array) -> Beside:
+        """Of shapes in one flight's voltage [V] (k, T)."""
+        white = at.joint.whitened(shapes, flight, at.noise)
+        white[:, ~np.isfinite(at.joint.flights[flight].voltage_v)] = 0.0
+        row = at.rows[flight][: white.shape[1]]
+        weighted = white * weights(row)
+        return cls(weighted @ row, at.slopes[flight].until(row.size).back(weighted), weighted @ white.T)
+
+    def freed(self, at: Fitted) -> tuple[Array, Array]:
+        """Score (k,) and information (k, k), all that was fitted free."""
+        # A fit that stopped a little before its end, or at a bound, must not look like something that is missing.
+        score = self.score - self.across @ np.linalg.solve(at.curvature, at.gradient)
+        return score, self.own - self.across @ np.linalg.solve(at.curvature, self.across.T)
 
 
 def linear_gain(at: Fitted, joint: Joint, candidate: Candidate) -> float:

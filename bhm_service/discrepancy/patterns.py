@@ -15,7 +15,8 @@ from typing import Literal
 
 import numpy as np
 
-from bhm_service.discrepancy.fitting import Fitted, one_step, weights
+from bhm_service.discrepancy.first_order import Beside
+from bhm_service.discrepancy.fitting import Fitted, one_step
 from bhm_service.discrepancy.lab import hats
 from bhm_service.discrepancy.locate import variables
 from bhm_service.discrepancy.odds import NATS
@@ -97,23 +98,12 @@ def patterns(fitted: Fitted, lines_only: bool = False) -> list[Pattern]:
 
 def added(fitted: Fitted, shapes: Array) -> tuple[Array, Array, float]:
     """Size, spread and evidence [nats] of shapes (shapes, T of all flights) with a prior of one."""
-    begin = 0
-    size = shapes.shape[0]
-    score, across, own = np.zeros(size), np.zeros((size, fitted.x.size)), np.zeros((size, size))
-    for k, (data, row, slope) in enumerate(zip(fitted.joint.flights, fitted.rows, fitted.slopes, strict=True)):
-        count = data.time_s.size
-        white = fitted.joint.whitened(shapes[:, begin : begin + count], k, fitted.noise)
-        white[:, ~np.isfinite(data.voltage_v)] = 0.0
-        weighted = white * weights(row[:count])
-        score += weighted @ row[:count]
-        across += slope.until(count).back(weighted)
-        own += weighted @ white.T
-        begin += count
-    # A fit that stopped a little before its end, or at a bound, must not look like a pattern.
-    score -= across @ np.linalg.solve(fitted.curvature, fitted.gradient)
-    information = own - across @ np.linalg.solve(fitted.curvature, across.T)
+    flights = np.split(shapes, np.cumsum([f.time_s.size for f in fitted.joint.flights])[:-1], axis=1)
+    parts = [Beside.of(fitted, k, own) for k, own in enumerate(flights)]
+    score, across, own = (np.sum(of_flights, axis=0) for of_flights in zip(*parts, strict=True))
+    score, information = Beside(score, across, own).freed(fitted)
     heights, nats = one_step(information, score)
-    return heights, np.sqrt(np.diag(np.linalg.inv(information + np.eye(size)))).astype(float), nats
+    return heights, np.sqrt(np.diag(np.linalg.inv(information + np.eye(score.size)))).astype(float), nats
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """Steps in a flight's resistance: when a contact goes bad and when it is good again.
 
-Every pair of times is tried as an extra resistance between them, against the whitened residuals of a fit; what is
-found has to pay for having been looked for everywhere.
+Every pair of times is tried as an extra resistance between them, against the whitened residuals of a fit of which all
+numbers are free; what is found has to pay for having been looked for everywhere.
 """
 
 from __future__ import annotations
@@ -13,13 +13,16 @@ import numpy as np
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.candidate import Candidate, Unknown
+from bhm_service.discrepancy.first_order import Beside
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.noise import doubt_of_alike
-from bhm_service.units import Array
+from bhm_service.discrepancy.odds import NEAR
+from bhm_service.units import Array, Flags
 
 _ID = "intermittent-contact"
 _GRID_S = 4.0  # between the times that are tried first
-_SHORTEST_S, _FEWEST = 20.0, 5  # of an episode, and its samples: two or three of an averaged recording are one peak
+# Between changes, and their samples: two or three of an averaged recording are one peak.
+_SHORTEST_S, _FEWEST = 20.0, 5
 _EPISODES = 3  # in one flight, at most
 _NATS = 12.0  # that an episode has to earn beyond the price of the search
 
@@ -36,57 +39,95 @@ class Episode:
     open_end: bool  # lasts to the end of the recording
 
 
-def episodes(fitted: Fitted) -> list[Episode]:
-    """All episodes that stand out of a fit's residuals."""
-    return [e for k in range(len(fitted.joint.flights)) for e in _in_flight(fitted, k)]
+@dataclass(slots=True)
+class _Sought:
+    """One flight in which episodes are looked for, among these times."""
 
+    times: Array  # [s] at which one may begin, and one after the end (begins + 1,)
+    score: Array  # (begins,) of an ohm that begins then and lasts; without what was found
+    gram: Array  # (begins, begins) their information
+    across: Array  # (begins, n) how they go with the numbers of the fit
+    shortest_s: float
+    near: Flags  # times too near to a change that was found, which none is at itself (begins + 1,)
+    taken: int = 0  # episodes, and what comes and goes too slowly for one
 
-def _in_flight(fitted: Fitted, flight: int) -> list[Episode]:
-    data = fitted.joint.flights[flight]
-    count = data.time_s.size
-    e = np.clip(fitted.rows[flight][:count], -6.0, 6.0).copy()
-    step_s = float(np.median(np.diff(data.time_s)))
-    step, shortest_s = max(round(_GRID_S / step_s), 1), max(_SHORTEST_S, _FEWEST * step_s)
-    starts = np.flatnonzero(data.airborne)[::step]
-    if starts.size < 4:
-        return []
-    # What a resistance that begins at each start and lasts would do to the whitened residual.
-    lasting = np.where(np.arange(count) >= starts[:, None], -data.current_a, 0.0)
-    shapes = fitted.joint.whitened(lasting, flight, fitted.noise)
-    nuisance = _nuisance(fitted, flight, count)
-    shapes = shapes - (shapes @ nuisance.T) @ nuisance
-    gram = shapes @ shapes.T
-    times = np.append(data.time_s[starts], data.time_s[-1] + 1.0)
-    found: list[Episode] = []
-    price, alike = 2.0 * np.log(starts.size), doubt_of_alike(len(fitted.joint.flights))
-    for _ in range(_EPISODES):
-        score = shapes @ e
-        gains, sizes = _pairs(score, gram, times, shortest_s)
-        # One flight's: what a model gets wrong alike in all of them is in all of them.
-        gains *= alike
+    @property
+    def price(self) -> float:
+        """Of having been looked for everywhere. [nats]"""
+        return float(2.0 * np.log(self.score.size))
+
+    def best(self) -> tuple[float, int, int]:
+        """Gain [nats], its price not yet paid, of the best episode, and its begin and end."""
+        gains = _pairs(self.score, self.gram, self.times, self.shortest_s)
+        gains[self.near[:-1]] = 0.0
+        gains[:, self.near] = 0.0
         first, last = np.unravel_index(int(np.argmax(gains)), gains.shape)
-        nats = float(gains[first, last]) - price
-        if nats < _NATS:
-            break
-        shape = shapes[first] - (shapes[last] if last < starts.size else 0.0)
-        ohm = float(sizes[first, last])
-        e -= ohm * shape
-        found.append(
-            Episode(flight, float(times[first]), float(times[last]), ohm, price, open_end=bool(last == starts.size))
-        )
-    return found
+        return float(gains[first, last]), int(first), int(last)
+
+    def episode(self, first: int, last: int, over_s: float) -> Array:
+        """One of one ohm as what begins and lasts (begins,); it comes, and goes, over so many seconds."""
+
+        def change(at: int) -> Array:
+            within = np.abs(self.times[:-1] - self.times[at]) <= 0.5 * over_s
+            return np.asarray(within / max(np.count_nonzero(within), 1))
+
+        return np.asarray(change(first) - (change(last) if last < self.score.size else 0.0))
+
+    def gain(self, shape: Array) -> tuple[float, float]:
+        """What an episode gains [nats], its price not yet paid, and its size [Ohm]."""
+        ohm = float(shape @ self.score / (shape @ self.gram @ shape))
+        return 0.5 * ohm * float(shape @ self.score), ohm
 
 
-def _nuisance(fitted: Fitted, flight: int, count: int) -> Array:
-    """Directions that the other unknowns can take in this flight, orthonormal, the well known ones shrunk away."""
-    slope = fitted.slopes[flight].by[:count]
-    values, vectors = np.linalg.eigh(slope.T @ slope)
-    strong = values > 1.0
-    return np.asarray((slope @ vectors[:, strong] / np.sqrt(values[strong])).T)
+def episodes(fitted: Fitted) -> list[Episode]:
+    """All episodes that stand out of a fit's residuals.
+
+    The largest goes first. To a large one the whole fit is bent, in the other flights as well: what it leaves is looked
+    at without it.
+    """
+    sought = {k: own for k in range(len(fitted.joint.flights)) if (own := _sought(fitted, k)) is not None}
+    # One flight's: what a model gets wrong alike in all of them is in all of them.
+    alike = doubt_of_alike(len(fitted.joint.flights))
+    found: list[Episode] = []
+    while True:
+        best = {k: own.best() for k, own in sought.items() if own.taken < _EPISODES}
+        nats = {k: alike * gain - sought[k].price for k, (gain, _, _) in best.items()}
+        flight = max(nats, key=lambda k: nats[k], default=None)
+        if flight is None or nats[flight] < _NATS:
+            return sorted(found, key=lambda e: e.flight)
+        own, (gain, first, last) = sought[flight], best[flight]
+        swift, slow = (own.episode(first, last, over_s) for over_s in (0.0, own.shortest_s))
+        # A contact has no slopes: what is clearly likelier with them is taken for what it is, and is no episode.
+        comes_slowly = alike * (own.gain(slow)[0] - gain) > NEAR
+        shape = slow if comes_slowly else swift
+        ohm = own.gain(shape)[1]
+        bent = np.linalg.solve(fitted.curvature, own.across.T @ shape)
+        for k, other in sought.items():
+            other.score += ohm * (other.across @ bent if k != flight else -own.gram @ shape)
+        begin_s, end_s = float(own.times[first]), float(own.times[last])
+        for at_s in (begin_s, end_s):
+            own.near |= (own.times != at_s) & (np.abs(own.times - at_s) < 0.999 * own.shortest_s)
+        own.taken += 1
+        if not comes_slowly:
+            found.append(Episode(flight, begin_s, end_s, ohm, own.price, open_end=last == own.score.size))
 
 
-def _pairs(score: Array, gram: Array, times: Array, shortest_s: float) -> tuple[Array, Array]:
-    """Gain [nats] and size of every episode (begin, end); the last end is 'to the end of the recording'."""
+def _sought(fitted: Fitted, flight: int) -> _Sought | None:
+    data = fitted.joint.flights[flight]
+    step_s = float(np.median(np.diff(data.time_s)))
+    starts = np.flatnonzero(data.airborne)[:: max(round(_GRID_S / step_s), 1)]
+    if starts.size < 4:
+        return None
+    lasting = np.where(np.arange(data.time_s.size) >= starts[:, None], -data.current_a, 0.0)
+    beside = Beside.of(fitted, flight, lasting)
+    score, gram = beside.freed(fitted)
+    times = np.append(data.time_s[starts], data.time_s[-1] + 1.0)
+    near = np.zeros(times.size, dtype=bool)
+    return _Sought(times, score, gram, beside.across, max(_SHORTEST_S, _FEWEST * step_s), near)
+
+
+def _pairs(score: Array, gram: Array, times: Array, shortest_s: float) -> Array:
+    """Gain [nats] of every episode (begin, end); the last end is 'to the end of the recording'."""
     count = score.size
     ends = np.append(score, 0.0)
     wide = np.zeros((count + 1, count + 1))
@@ -95,7 +136,7 @@ def _pairs(score: Array, gram: Array, times: Array, shortest_s: float) -> tuple[
     power = np.diag(gram)[:, None] + np.diag(wide)[None, :] - 2.0 * wide[:count, :]
     long_enough = times[None, :] - times[:count, None] >= 0.999 * shortest_s
     power = np.where(long_enough & (power > 1e-9) & (numerator > 0.0), power, np.inf)
-    return 0.5 * numerator**2 / power, numerator / power
+    return np.asarray(0.5 * numerator**2 / power)
 
 
 def contact_candidate(found: Sequence[Episode], flights: int) -> Candidate:
