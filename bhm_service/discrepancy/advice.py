@@ -76,7 +76,7 @@ def _set(found: Search, names: Names, rival: Names) -> _Rivalry:
 def _phantom(found: Search, names: Names, contest: Contest) -> _Rivalry:
     one, rival, driver = found.fitted(names), contest.rival, contest.driver
     assert rival is not None and driver is not None
-    driven = [m.id for m in one.joint.members if m.inferred or "temperature" in EFFECTS[m.id].drivers]
+    driven = [m.id for m in one.joint.members if m.inferred or m.driven_by_temperature]
 
     def apart(data: FlightData, manoeuvre: Manoeuvre) -> Array:
         return _said(one, data, manoeuvre) - _said(rival, replace(data, temperature_k=driver(data)), manoeuvre)

@@ -130,6 +130,11 @@ class Candidate:
     price: float = 0.0  # [nats] of having been looked for in many places
     credit: float = 0.0  # [nats] that it has from what is measured beside the pack's voltage
 
+    @property
+    def driven_by_temperature(self) -> bool:
+        """Whether it does more, or less, where the pack is warm."""
+        return any("temperature" in kind.drivers for _, kind in self.parts)
+
     def blocks(self, flights: int) -> list[Block]:
         """The unknowns that it adds."""
         return [u.block(flights) for u in self.unknowns]

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bhm_service.battery.effects import EFFECTS
 from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.discrepancy import verdict
 from bhm_service.discrepancy.bent_curve import bent_curve, bumped_curve
@@ -26,7 +25,7 @@ from bhm_service.discrepancy.odds import NATS, NEAR, STRUCTURAL, Names
 from bhm_service.discrepancy.patterns import BOARD, Pattern, telling
 from bhm_service.discrepancy.recurring import Recurring, recurring
 from bhm_service.discrepancy.search import Search
-from bhm_service.discrepancy.selection import MUCH, NOTHING, Selection, select, share
+from bhm_service.discrepancy.selection import MUCH, NOTHING, Selection, price, select, share
 from bhm_service.discrepancy.significance import familywise
 from bhm_service.discrepancy.timing import timed
 
@@ -135,11 +134,10 @@ def _foreign(found: Search, names: Names, left: Recurring | ChangedLag | Pattern
     pack is: what a pack's warmth drives is never put out by it.
     """
     line = telling(found.fitted(frozenset()), lines_only=True)
-    if line is None or (line.variable == BOARD and any("temperature" in EFFECTS[name].drivers for name in names)):
+    if line is None or (line.variable == BOARD and any(m.driven_by_temperature for m in found.joint(names).members)):
         return None
     beside = 0.0 if left is None else left.nats - NATS
-    set_of_them = found.evidence(names) - sum(found.needed(name, names) for name in names) + beside
-    return line if line.nats - NATS > set_of_them + NEAR else None
+    return line if line.nats - NATS > found.evidence(names) - price(found, names) + beside + NEAR else None
 
 
 def _everywhere(found: Search, fitted: Fitted, lab: Lab) -> BentLab | None:

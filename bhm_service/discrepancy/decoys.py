@@ -45,7 +45,7 @@ class Phantom:
 def contests(found: Search, names: Names, rng: np.random.Generator) -> list[Contest]:
     """The chosen set against itself with phantom temperatures; empty where no member depends on temperature."""
     members = [c for c in found.candidates if c.id in names]
-    driven = [c for c in members if any("temperature" in kind.drivers for _, kind in c.parts)]
+    driven = [c for c in members if c.driven_by_temperature]
     if not driven:
         return []
     flights = found.base.flights

@@ -57,6 +57,8 @@ def telling(fitted: Fitted, lines_only: bool = False) -> Pattern | None:
     line, where the lab told which errors these are; ``lines_only`` asks for no other pattern.
     """
     lab = fitted.joint.lab
+    if lines_only and not lab.form_told:
+        return None
     least_v = lab.series * lab.voltage_error_v if lab.identified else 0.0
 
     def tells(pattern: Pattern) -> bool:

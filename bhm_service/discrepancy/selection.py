@@ -114,7 +114,7 @@ def _near(found: Search, refuted: Collection[Names], absent: Names) -> list[Name
     for names in _open(found, refuted, absent):
         nats = found.evidence(names)
         # One more member has to earn its place against the best set without it, not only against its own remainder.
-        better = nats - _price(found, names) > most - _price(found, best)
+        better = nats - price(found, names) > most - price(found, best)
         close = len(names) <= len(best) and nats > most - NEAR
         # What is behind the best by less than tells them apart need not have earned that: it is no less its rival.
         if names in imitations or not (better or close) or not _stands(found, names, 0.0 if better else most - nats):
@@ -125,10 +125,10 @@ def _near(found: Search, refuted: Collection[Names], absent: Names) -> list[Name
     near = [names for names in valid if len(names) <= len(best) and found.evidence(names) > most - NEAR]
     if not any(_credit(found, names) > _claim(found, names) for names in near):
         return []
-    if _beyond_physics(found, _open(found, refuted, absent), most - _price(found, best) + NATS):
+    if _beyond_physics(found, _open(found, refuted, absent), most - price(found, best) + NATS):
         return []
     of = {names: found.evidence(names) for names in near}
-    odds = {names: of[names] - _price(found, names) for names in near}
+    odds = {names: of[names] - price(found, names) for names in near}
     likely = {names: odds[names] > max(odds[n] for n in near if len(n) == len(names)) - STRONG for names in near}
     return sorted(near, key=lambda names: (len(names), not likely[names], _order(names), -of[names]))
 
@@ -153,7 +153,7 @@ def _liking(found: Search, names: Names) -> float:
     What a free course or a model's structure earns it has to earn for following nearly anything: that the flights like
     it better than what has only one way to be says nothing against that.
     """
-    return found.evidence(names) - _price(found, names) + NATS * len(names)
+    return found.evidence(names) - price(found, names) + NATS * len(names)
 
 
 def _open(found: Search, refuted: Collection[Names], absent: Names) -> list[Names]:
@@ -337,7 +337,7 @@ def _matters(found: Search, names: Names, behind: float = 0.0) -> bool:
     return all(earned >= found.needed(name, names) - behind for name, earned in found.earned(names).items())
 
 
-def _price(found: Search, names: Names) -> float:
+def price(found: Search, names: Names) -> float:
     """What a set has to earn. [nats]"""
     return sum(found.needed(name, names) for name in names)
 
@@ -351,7 +351,7 @@ def _beyond_physics(found: Search, tried: Collection[Names], nats: float) -> boo
     return any(
         not _physical(found.fitted(names)) and _separable(found, names) and _matters(found, names)
         for names in tried
-        if found.evidence(names) - _price(found, names) > nats
+        if found.evidence(names) - price(found, names) > nats
     )
 
 

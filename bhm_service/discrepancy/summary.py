@@ -44,7 +44,7 @@ def findings_of(
             evidence_nats=float(chosen.earned[member.id]),
             p_familywise=decision.p_values[member.id],
             share_of_misfit=explained * shares[member.id],
-            decoys_beaten=beaten if any("temperature" in kind.drivers for _, kind in member.parts) else None,
+            decoys_beaten=beaten if member.driven_by_temperature else None,
         )
         for member in sorted(fitted.joint.members, key=lambda m: -chosen.added_v[m.id])
     ]
