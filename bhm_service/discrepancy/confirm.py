@@ -13,18 +13,16 @@ from functools import partial
 import numpy as np
 
 from bhm_service.battery.effects.contact import IntermittentContact
-from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.discrepancy.candidate import Candidate, Unknown
 from bhm_service.discrepancy.cores import on_cores
 from bhm_service.discrepancy.fitting import Fitted, fit
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.noise import Noise
-from bhm_service.discrepancy.odds import NATS, Names
+from bhm_service.discrepancy.odds import BRIEF, NATS, Names
 from bhm_service.discrepancy.search import Search
 from bhm_service.units import Array
 
-BRIEF = frozenset({TimeSkew.id, IntermittentContact.id})
 _SEEN = 0.25  # of a flight's samples
 _UNTOLD = 0.7  # of what was known before: flights that leave a size no better known do not tell it
 _FEWEST = 3  # flights

@@ -14,14 +14,14 @@ from bhm_service.discrepancy import verdict
 from bhm_service.discrepancy.bent_curve import bent_curve, bumped_curve
 from bhm_service.discrepancy.bent_lab import BentLab, bent_lab
 from bhm_service.discrepancy.changed_lag import ChangedLag, changed_lag
-from bhm_service.discrepancy.confirm import BRIEF, Unseen, harmful
+from bhm_service.discrepancy.confirm import Unseen, harmful
 from bhm_service.discrepancy.crossing import Witness
 from bhm_service.discrepancy.decoys import contests
 from bhm_service.discrepancy.explanation import Contest, Left
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.lab import Lab
-from bhm_service.discrepancy.odds import NATS, NEAR, STRUCTURAL, Names
+from bhm_service.discrepancy.odds import BRIEF, NATS, NEAR, STRUCTURAL, Names
 from bhm_service.discrepancy.patterns import BOARD, Pattern, telling
 from bhm_service.discrepancy.recurring import Recurring, recurring
 from bhm_service.discrepancy.search import Search

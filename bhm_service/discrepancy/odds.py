@@ -18,6 +18,8 @@ COMPANIONS = frozenset({"core-lag", "entropic-voltage", "cold-capacity"})
 # A course over the charge that is free at every knot follows nearly anything: only where no equation comes near it.
 FREE = frozenset({"ocv-shape", "resistance-shape"})
 _FREE_NATS = 60.0
+# What shows for seconds: nothing that is slow, as a lab's errors are, tells its size.
+BRIEF = frozenset({"time-skew", "intermittent-contact"})
 # What no cell is without, by a size that is known before: where what drives it was recorded, the battery file lacks a
 # law, not a thing that may have happened to the pack. That it holds needs no long odds, only that flights show it.
 LAWS = frozenset({"resistance-temperature", "self-discharge"})

@@ -18,11 +18,11 @@ from bhm_service.discrepancy.fitting import Bare, Fitted, cost_of, fit
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.marginal import likelier, likeliest
 from bhm_service.discrepancy.noise import Noise
-from bhm_service.discrepancy.odds import LAWS, LEAST_SNR, NATS, NEAR, STRONG, Names, needed
+from bhm_service.discrepancy.odds import BRIEF, LAWS, LEAST_SNR, NATS, NEAR, STRONG, Names, needed
 from bhm_service.discrepancy.onset import begun, later
 from bhm_service.discrepancy.starts import bends_the_lab, carried, colder, hides, seeks, starts_of, vanished
 from bhm_service.discrepancy.steps import contact_candidate, episodes
-from bhm_service.discrepancy.valleys import SKEW, across, by_equation, fit_over_valleys, less_charged
+from bhm_service.discrepancy.valleys import across, by_equation, fit_over_valleys, less_charged
 from bhm_service.units import Array
 
 _TRIED_SNR = 1.0  # below, they could not even show one of several times that
@@ -133,10 +133,10 @@ class Search:
         """The same where the members have to explain the flights by themselves, the lab taken at its word."""
         if names not in self._alone:
             at = self.fitted(names)
-            own = [u.name for member in at.joint.members for u in member.unknowns]
-            x = at.into(at.joint, own)
-            # What is slow here, and nothing's to explain but the lab's, would put a skew anywhere.
-            moving = [name for name in own if name != SKEW]
+            own = {u.name: member.id for member in at.joint.members for u in member.unknowns}
+            x = at.into(at.joint, list(own))
+            # What is slow here, and nothing's to explain but the lab's, would give what is brief any size.
+            moving = [name for name, of in own.items() if of not in BRIEF]
             self._alone[names] = by_members(fit(replace(at.joint, lean={}), self.noise, x, moving=moving))
         return self._alone[names]
 

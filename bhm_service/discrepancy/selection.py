@@ -11,7 +11,17 @@ from scipy.stats import pearsonr
 
 from bhm_service.battery.effects import EFFECTS, ContactResistance
 from bhm_service.discrepancy.fitting import Fitted
-from bhm_service.discrepancy.odds import COMPANIONS, NATS, NEAR, STRONG, STRUCTURAL, Names, share_asked, structural
+from bhm_service.discrepancy.odds import (
+    BRIEF,
+    COMPANIONS,
+    NATS,
+    NEAR,
+    STRONG,
+    STRUCTURAL,
+    Names,
+    share_asked,
+    structural,
+)
 from bhm_service.discrepancy.physical import physical
 from bhm_service.discrepancy.search import Search
 from bhm_service.units import Array
@@ -26,7 +36,7 @@ LEAST_V = 0.001  # [V] of a cell: what adds less than this to the voltage change
 _STRUCTURAL_V = 0.004  # [V] of a cell: the same for what looks like an error of the model's structure
 _BEYOND = 2.0  # times what the lab leaves open, which bends every curve: less is no other shape
 _PASSING = frozenset({"time-skew"})  # shows at steps only
-_COMING = frozenset({"intermittent-contact"})  # comes and goes within a sample, and stays for a while
+_COMING = BRIEF - _PASSING  # comes and goes within a sample, and stays for a while
 _SWIFT = 31  # samples, some minute: no error of a lab's comes as fast
 _FULL_V = 0.008  # [V] of a cell: a hundredth of its charge, as closely as a full one is known
 _LEAST = {**dict.fromkeys(STRUCTURAL - _PASSING, _STRUCTURAL_V), "partial-charge": _FULL_V}
@@ -300,8 +310,9 @@ def _shares(found: Search, names: Names) -> list[float]:
 
     def explained(part: Array, left: Array, noise_v2: float) -> float:
         felt = np.abs(part) >= _FELT * np.max(np.abs(part))
-        before, after = (float(np.mean(v[felt] ** 2)) for v in (left, left - part))
-        return (before - after) / max(before - noise_v2, 1e-12)
+        own, before, after = (float(np.mean(v[felt] ** 2)) for v in (part, left, left - part))
+        # No noise is taken for less than its floor: what lies below that is there as far as the equation says.
+        return (before - after) / max(before - noise_v2, own, 1e-12)
 
     def of(part: Array, left: Array, own: Names) -> float:
         # What a skew adds is taken back by the next samples, and a contact shows where it comes and goes: a slow misfit

@@ -10,7 +10,7 @@ from discrepancy.flown import SERIES, flown, off_by_its_curve, searching
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.courses import courses_of
-from bhm_service.discrepancy.selection import LEAST_V, added, select
+from bhm_service.discrepancy.selection import LEAST_V, added, select, share
 from bhm_service.discrepancy.steps import contact_candidate, episodes
 from bhm_service.discrepancy.summary import shares_of
 
@@ -33,9 +33,23 @@ def looked_for(flights):
     return found
 
 
-def test_a_slow_misfit_beside_a_contact_is_not_its_to_explain():
-    found = looked_for(tuple(off_by_its_curve(failing(0.012), by_v=0.05)))
+@pytest.mark.parametrize("ohm", [0.004, 0.012])
+@pytest.mark.parametrize("by_v", [-0.05, 0.05])
+def test_a_slow_misfit_beside_a_contact_is_not_its_to_explain(by_v, ohm):
+    found = looked_for(tuple(off_by_its_curve(failing(ohm), by_v=by_v)))
     assert select(found).names == CONTACT
+
+
+def test_a_slow_misfit_gives_a_contact_no_size():
+    found = looked_for(tuple(off_by_its_curve(failing(0.004), by_v=-0.1)))
+    assert found.alone(CONTACT) == pytest.approx(found.added(CONTACT), rel=0.05)
+
+
+def test_what_is_below_the_noise_is_explained_as_far_as_the_equation_has_its_size():
+    """The noise is never given less than the floor of a cell's: what there is to explain may come to less than none."""
+    found = looked_for(failing(0.002))
+    found.noise = replace(found.noise, sigma_v=10.0 * found.noise.sigma_v)
+    assert share(found, CONTACT) == pytest.approx(1.0, abs=0.3)
 
 
 def test_a_small_contact_matters_while_it_lasts():
