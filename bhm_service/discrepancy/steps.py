@@ -35,7 +35,7 @@ class Episode:
     begin_s: float
     end_s: float
     ohm: float
-    price: float  # [nats] of having been looked for everywhere, as far as evidence has to pay it
+    price: float  # [nats] of having been looked for everywhere
     open_end: bool  # lasts to the end of the recording
 
 
@@ -109,9 +109,7 @@ def episodes(fitted: Fitted) -> list[Episode]:
             own.near |= (own.times != at_s) & (np.abs(own.times - at_s) < 0.999 * own.shortest_s)
         own.taken += 1
         if not comes_slowly:
-            # Evidence is doubted for what flights have alike: what that takes of an episode's has paid for it first.
-            price = max(own.price - (alike - 1.0) * gain, 0.0)
-            found.append(Episode(flight, begin_s, end_s, ohm, price, open_end=last == own.score.size))
+            found.append(Episode(flight, begin_s, end_s, ohm, own.price, open_end=last == own.score.size))
 
 
 def _sought(fitted: Fitted, flight: int) -> _Sought | None:

@@ -25,22 +25,12 @@ def three(bad, begin, end, milliohm=10.0):
     ]
 
 
-def doubted(flights):
-    """The one with a small bad contact among so many, in the noise that a search gives them."""
-    others = [flown(seed=5, number=k) for k in range(3, flights)]
-    return fit(base([*three(1, 250.0, 520.0, 2.5), *others]), replace(NOISE, doubt=doubt_of_alike(flights)))
-
-
 @pytest.mark.parametrize("flights", [3, 9])
 def test_how_many_flights_had_none_says_nothing_against_an_episode(flights):
     """What a model gets wrong alike in many flights is not what one of them has alone."""
-    assert [e.flight for e in episodes(doubted(flights))] == [1]
-
-
-def test_what_is_doubted_of_an_episode_for_what_flights_have_alike_pays_for_the_search():
-    (among_three,), (among_nine,) = episodes(doubted(3)), episodes(doubted(9))
-    assert among_three.price > 10.0
-    assert among_nine.price == 0.0
+    others = [flown(seed=5, number=k) for k in range(3, flights)]
+    found = episodes(fit(base([*three(1, 250.0, 520.0, 2.5), *others]), replace(NOISE, doubt=doubt_of_alike(flights))))
+    assert [e.flight for e in found] == [1]
 
 
 @pytest.mark.parametrize(
