@@ -310,9 +310,9 @@ def _shares(found: Search, names: Names) -> list[float]:
 
     def explained(part: Array, left: Array, noise_v2: float) -> float:
         felt = np.abs(part) >= _FELT * np.max(np.abs(part))
-        own, before, after = (float(np.mean(v[felt] ** 2)) for v in (part, left, left - part))
+        claimed, before, after = (float(np.mean(v[felt] ** 2)) for v in (part, left, left - part))
         # No noise is taken for less than its floor: what lies below that is there as far as the equation says.
-        return (before - after) / max(before - noise_v2, own, 1e-12)
+        return (before - after) / max(before - noise_v2, claimed, 1e-12)
 
     def of(part: Array, left: Array, own: Names) -> float:
         # What a skew adds is taken back by the next samples, and a contact shows where it comes and goes: a slow misfit
