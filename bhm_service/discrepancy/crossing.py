@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.first_order import saturated_noise
 from bhm_service.discrepancy.fitting import Fitted, fit
@@ -41,6 +43,17 @@ class Witness:
         """Evidence that each member of a set adds to the others, by this model; of what it is asked for. [nats]"""
         asked = self._asked(names)
         return self._search(asked).earned(asked) if asked else {}
+
+    def contradicts(self, found: Search, names: Names) -> bool:
+        """Whether a member of a set does by this model the opposite of what it does by another search's.
+
+        Each model may well like the flights better with it: then it mends the structure of both, and is of neither.
+        """
+        asked = self._asked(names)
+        if not asked:
+            return False
+        own, other = self._search(asked).added_by(asked), found.added_by(names)
+        return any(float(np.vdot(own[name], other[name])) < 0.0 for name in asked)
 
     def fitted(self, names: Names) -> Fitted:
         """The set with this model, with the sizes that its members have by it."""

@@ -75,7 +75,7 @@ def _significant(unseen: Unseen, second: Witness | None, closer: Witness, rng: n
         if all(p <= _SIGNIFICANT for p in p_values.values()) and not harmful(unseen, chosen.names):
             rivals = contests(found, chosen.names, rng)
             beaten = any(c.nats < -NEAR for c in rivals)
-            if not beaten and (second is None or _witnessed(found, second.earned(chosen.names))):
+            if not beaten and (second is None or _witnessed(found, second, chosen.names)):
                 if timed(closer, chosen.names):
                     return Decision(chosen=chosen, p_values=p_values, contests=rivals)
                 absent = frozenset({TimeSkew.id})
@@ -95,11 +95,15 @@ def told_from_lab(found: Search, names: Names) -> bool:
     return told or bool(names & BRIEF) or found.measured(names)
 
 
-def _witnessed(found: Search, earned: Mapping[str, float]) -> bool:
-    """Whether every member earns something with the other cell model, and what looks like structure all it has to."""
+def _witnessed(found: Search, second: Witness, chosen: Names) -> bool:
+    """Whether every member earns something with the other cell model, and what looks like structure all it has to.
+
+    With either model it has to do the same: one that turned round from one to the other is the structure of both.
+    """
+    earned = second.earned(chosen)
     names = frozenset(earned)
     least = {name: found.needed(name, names) if name in STRUCTURAL else found.heard(name) for name in earned}
-    return all(nats >= least[name] for name, nats in earned.items())
+    return all(nats >= least[name] for name, nats in earned.items()) and not second.contradicts(found, chosen)
 
 
 def outweighed(found: Search, chosen: Selection, lab: Lab, logs: Sequence[FlightData]) -> tuple[Selection, Left | None]:

@@ -129,8 +129,13 @@ class Search:
             self._added[names] = by_members(self.fitted(names))
         return self._added[names]
 
+    def added_by(self, names: Names) -> dict[str, Array]:
+        """The same by the members' names."""
+        members = self.fitted(names).joint.members
+        return {member.id: own for member, own in zip(members, self.added(names), strict=True)}
+
     def alone(self, names: Names) -> Array:
-        """The same where the members have to explain the flights by themselves, the lab taken at its word."""
+        """What each adds where the members have to explain the flights by themselves, the lab taken at its word."""
         if names not in self._alone:
             at = self.fitted(names)
             own = {u.name: member.id for member in at.joint.members for u in member.unknowns}

@@ -336,7 +336,7 @@ def _swift(series: Array) -> Array:
 def _matters(found: Search, names: Names, behind: float = 0.0) -> bool:
     """Whether every member earns its place but for some nats, and moves the voltage by what anybody could care for."""
     # What comes and goes matters while it is there, however much has been flown without it.
-    volts = {name: _rms(own[own != 0.0] if name in _COMING else own) for name, own in _added_by(found, names).items()}
+    volts = {name: _rms(own[own != 0.0] if name in _COMING else own) for name, own in found.added_by(names).items()}
     series = found.base.lab.series
     told = found.base.lab.form_told
     # What is measured cell by cell is of one of them.
@@ -374,17 +374,11 @@ def _separable(found: Search, names: Names) -> bool:
 
 def added(found: Search, names: Names) -> dict[str, float]:
     """RMS of what each member adds to the pack's voltage over all flights. [V]"""
-    return {name: _rms(own) for name, own in _added_by(found, names).items()}
+    return {name: _rms(own) for name, own in found.added_by(names).items()}
 
 
 def _rms(series: Array) -> float:
     return float(np.sqrt(np.mean(series**2))) if series.size else 0.0
-
-
-def _added_by(found: Search, names: Names) -> dict[str, Array]:
-    """The same at every sample."""
-    members = found.fitted(names).joint.members
-    return {m.id: own for m, own in zip(members, found.added(names), strict=True)}
 
 
 def _physical(fitted: Fitted) -> bool:
