@@ -3,9 +3,10 @@
 An addition has to lower the error on unseen pieces by a twentieth, and both halves of the recordings must agree on its
 size. Where they do not, it has to lower that error by a quarter if it is over with a piece, and to foretell every
 recording under load better by the others if it may last for longer: what is known only loosely of its size stands in
-its standard deviations. What is over within seconds is judged by the error from one sample to the next alone. That
-resistance follows temperature, and by how much, is known of lithium-ion cells before: it joins unless it does harm, or
-is of another size: then something else goes with the temperature here.
+its standard deviations. What is over within seconds is judged by the error from one sample to the next alone. Charge
+that lags at the surface is held against its absence with all that joins beside either. That resistance follows
+temperature, and by how much, is known of lithium-ion cells before: it joins unless it does harm, or is of another size:
+then something else goes with the temperature here.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ _MISSED = 2.0  # standard deviations of the recorded curve: a form that is furth
 _WARM_K = 5.0  # a temperature that moves less tells nothing of resistance
 
 _FAST, _FULL, _SLOW = "charge transfer within seconds", "resistance near full charge", "slow diffusion"
+_SURFACE = "charge that lags at the particles' surface"
 _WARM, _HOUR, _CURVE = "resistance that follows temperature", "diffusion over an hour", "open-circuit curve"
 _CURVES = ("a spline", "the paper's cubic capacitance")
 
@@ -44,8 +46,9 @@ def choose(
         progress(f"{candidate.name}: {what}")
         return unseen_error(problem_for(candidate, experiments, premises))
 
-    def with_additions(bare: Family, curve: str) -> tuple[Family, Unseen, dict[str, str]]:
-        best, error, said = bare, unseen(bare, f"pieces that the fit does not see{curve}"), dict[str, str]()
+    def with_additions(bare: Family, curve: str, alone: Unseen | None = None) -> tuple[Family, Unseen, dict[str, str]]:
+        error = alone or unseen(bare, f"pieces that the fit does not see{curve}")
+        best, said = bare, dict[str, str]()
         additions = _additions(bare, experiments)
         judged: dict[str, Extras] = {}  # beside what each was left out: a fault that is mended since may have hidden it
         while open_ := [what for what in additions if judged.get(what) != best.extras]:
@@ -66,6 +69,22 @@ def choose(
                 best, error = candidate, by_it
                 del additions[what]
         return best, error, said
+
+    def with_surface(bare: Family, curve: str) -> tuple[Family, Unseen, dict[str, str]]:
+        if not isinstance(bare, CircFamily) or bare.extras.surface:
+            return with_additions(bare, curve)
+        lagging = bare.with_extras(replace(bare.extras, surface=True))
+        alone = unseen(bare, f"pieces that the fit does not see{curve}")
+        by_it = unseen(lagging, _SURFACE + curve)
+        best, error, said = with_additions(bare, curve, alone)
+        if by_it.typical >= alone.typical:
+            return best, error, {_SURFACE: _judged(_SURFACE, by_it, alone, joins=False)} | said
+        # What joins where it is missing makes up for it, and what joins beside it is another thing: by itself it may
+        # stand at its bounds for that.
+        other, by_it, beside = with_additions(lagging, f"{curve}, {_SURFACE}", by_it)
+        joins = by_it.possible and by_it.typical < BETTER * error.typical
+        told = {_SURFACE: _judged(_SURFACE, by_it, error, joins=joins)}
+        return (other, by_it, told | beside) if joins else (best, error, told | said)
 
     def foretells(bare: Family, candidate: Family) -> tuple[bool, str]:
         by_one, by_two = (foretold(problem_for(f, experiments, premises)) for f in (bare, candidate))
@@ -101,8 +120,8 @@ def choose(
         return best, error.rms, list(said.values())
 
     if not (isinstance(family, CircFamily) and any_curve):
-        return with_warmth(*with_an_hour(*with_additions(family, "")))
-    best, error, told = with_additions(family, ", spline")
+        return with_warmth(*with_an_hour(*with_surface(family, "")))
+    best, error, told = with_surface(family, ", spline")
     off_v = family.cubic_off_v()
     if off_v > _MISSED * premises.curve_sd:
         # What bends the curve away from where it was measured, and does better for it, makes up for a slow drop.

@@ -9,7 +9,14 @@ from typing import ClassVar
 import numpy as np
 
 from bhm_service.battery.battery_file import Joined, ModelName
-from bhm_service.battery.effects import DoubleLayer, Effect, FullChargeResistance, ResistanceTemperature, SlowDiffusion
+from bhm_service.battery.effects import (
+    DoubleLayer,
+    Effect,
+    FullChargeResistance,
+    ResistanceTemperature,
+    SlowDiffusion,
+    SurfaceLag,
+)
 from bhm_service.battery.parameters import parameters_of
 from bhm_service.identification.unknowns import Block, numbers, positive
 from bhm_service.units import Array
@@ -27,9 +34,11 @@ class Extras:
     slower: bool = False  # a second pair: diffusion lasts from seconds to an hour
     full: bool = False  # resistance that grows towards full charge
     fast: bool = False  # charge transfer within seconds
+    surface: bool = False  # charge that lags at the particles' surface
     names: ClassVar[tuple[str, ...]] = (
         "activation_energy", "slow_resistance", "slow_time", "slower_resistance", "slower_time",
         "full_resistance", "full_width", "fast_current", "fast_time",
+        "surface_time", "surface_share",
     )  # fmt: skip
 
     @property
@@ -54,6 +63,9 @@ class Extras:
         if self.fast:
             found.append(positive("fast_current", 2.0 * rate, 0.02 * rate, 500.0 * rate, 6.0))
             found.append(positive("fast_time", 1.0, 0.05, 10.0, 3.0))
+        if self.surface:
+            found.append(positive("surface_time", 60.0, 2.0, 3000.0, 3.0))
+            found.append(positive("surface_share", 0.5, 1e-3, 5.0, 3.0))
         return found
 
     def effects(self, values: Mapping[str, Array]) -> list[Effect]:
@@ -69,6 +81,8 @@ class Extras:
             found.append(FullChargeResistance(resistance=values["full_resistance"], width=values["full_width"]))
         if self.fast:
             found.append(DoubleLayer(exchange_current=values["fast_current"], time_constant=values["fast_time"]))
+        if self.surface:  # last: `CircFamily` reads its states
+            found.append(SurfaceLag(time_constant=values["surface_time"], share=values["surface_share"]))
         return found
 
     def joined(self, model: ModelName, values: Mapping[str, Array], sd: Mapping[str, float]) -> tuple[Joined, ...]:
@@ -90,6 +104,10 @@ class Extras:
         if self.fast:
             effect = DoubleLayer(exchange_current=_one(values["fast_current"]), time_constant=_one(values["fast_time"]))
             spread = {"exchange_current": sd["fast_current"], "time_constant": sd["fast_time"]}
+            found.append(Joined(effect=effect, model=model, sd=spread))
+        if self.surface:
+            effect = SurfaceLag(time_constant=_one(values["surface_time"]), share=_one(values["surface_share"]))
+            spread = {"time_constant": sd["surface_time"], "share": sd["surface_share"]}
             found.append(Joined(effect=effect, model=model, sd=spread))
         return tuple(found)
 

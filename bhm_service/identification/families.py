@@ -13,6 +13,7 @@ from bhm_service.battery.battery_file import ModelName
 from bhm_service.battery.cell import CellModel
 from bhm_service.battery.chem import X_N_MAX, Chem, nernst
 from bhm_service.battery.circ import Circ
+from bhm_service.battery.effects import SurfaceLag
 from bhm_service.battery.ocv import CubicCapacitance, MonotoneSpline
 from bhm_service.battery.redlich_kister import horner, polynomial
 from bhm_service.identification.curve import BENDS, LOW_SOC, BentCurve, spline_of, table_of
@@ -105,7 +106,7 @@ class CircFamily(Family):
     """Circ around a curve: as a spline that may bend, or as the paper's cubic."""
 
     name = "circ"
-    time_constants = ("c_sp", "slow_time", "slower_time")
+    time_constants = ("c_sp", "slow_time", "slower_time", "surface_time")
     shaping = ("bends", "v_0", "cubic")
     ocv: Literal["spline", "cubic"] = "spline"
 
@@ -137,6 +138,11 @@ class CircFamily(Family):
             numbers("v_0", np.array([v_0]), 0.01, 0.08),
             numbers("cubic", found, 0.3, 2.0),
         ]
+
+    def read_at(self, states: tuple[Array, ...]) -> Array:
+        if not self.extras.surface:
+            return states[0]
+        return np.asarray(states[0] - sum(states[-len(SurfaceLag.state_names) :]))
 
     def cubic_off_v(self) -> float:
         """By how much the paper's cubic misses the curve at its best, RMS above `LOW_SOC`. [V]"""

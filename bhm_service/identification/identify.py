@@ -35,6 +35,7 @@ _STRAINED = 5.0  # times what was known of the charge that a recording begins wi
 _STAGES = {"one-C": (Kind.ONE_C, Kind.RATE), "variable": (Kind.VARIABLE, Kind.PULSES)}
 _DOUBTS = 2  # rounds in which far samples come to count less
 _VOLTAGE_ERROR = (0.003, 0.1)  # [V] what a battery file may claim
+_BENCH_V = 0.001  # [V] of a cell: closer than that no two recordings of one are
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,6 +68,11 @@ class ModelResult:
     remarks: tuple[str, ...]
     unseen_v: float  # [V] error on pieces that a fit did not see; NaN where that was not asked
 
+    @property
+    def error_v(self) -> float | None:
+        """That error, no less than benches repeat to; None where it was not asked. [V]"""
+        return max(self.unseen_v, _BENCH_V) if np.isfinite(self.unseen_v) else None
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identified:
@@ -98,7 +104,7 @@ def identify(request: Request, progress: Progress = lambda _: None) -> Identifie
 def steps(request: Request) -> int:
     """How often `identify` will report progress, at most."""
     per_model = 17 if request.method == "trf" else 5
-    return 1 + len(request.models) * (per_model + bool(request.held_out)) + 7 * ("circ" in request.models)
+    return 1 + len(request.models) * (per_model + bool(request.held_out)) + 12 * ("circ" in request.models)
 
 
 def _one(
@@ -224,7 +230,7 @@ def _strained(solution: Solution, premises: Premises) -> list[str]:
 
 def _battery(request: Request, results: Sequence[ModelResult], capacity_sd: float) -> BatteryFile:
     by_model = {r.model: r for r in results}
-    known = [r.unseen_v for r in results if np.isfinite(r.unseen_v)]
+    known = [r.error_v for r in results if r.error_v is not None]
     circ, chem = (by_model[m].cell if m in by_model else None for m in MODELS)
     assert circ is None or isinstance(circ, Circ)
     assert chem is None or isinstance(chem, Chem)

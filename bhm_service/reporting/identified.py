@@ -23,6 +23,8 @@ _EFFECT_BLOCKS = {
     ("full-charge-resistance", "width"): ("full_width",),
     ("double-layer", "exchange_current"): ("fast_current",),
     ("double-layer", "time_constant"): ("fast_time",),
+    ("surface-lag", "time_constant"): ("surface_time",),
+    ("surface-lag", "share"): ("surface_share",),
 }
 _FACTOR = 0.5  # of a logarithm: a wider spread is told as a factor
 _NOT_TOLD = "not told"

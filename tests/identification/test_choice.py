@@ -9,7 +9,13 @@ import pytest
 from battery.cells import CAPACITY_C, CUBIC, CURVE, circ
 from identification.known import NOISE_V, one_c, slow, variable
 
-from bhm_service.battery.effects import DoubleLayer, FullChargeResistance, ResistanceTemperature, SlowDiffusion
+from bhm_service.battery.effects import (
+    DoubleLayer,
+    FullChargeResistance,
+    ResistanceTemperature,
+    SlowDiffusion,
+    SurfaceLag,
+)
 from bhm_service.battery.ocv import MonotoneSpline
 from bhm_service.battery.pack import PackModel
 from bhm_service.identification.choice import choose
@@ -23,13 +29,14 @@ SLOW = SlowDiffusion(resistance=0.006, time_constant=400.0)
 HOUR = SlowDiffusion(resistance=0.012, time_constant=4000.0)
 FULL = FullChargeResistance(resistance=0.004, width=0.1)
 FAST = DoubleLayer(exchange_current=2.0, time_constant=1.5)
+LAG = SurfaceLag(time_constant=80.0, share=0.8)
 COLD = ResistanceTemperature(activation_energy=20e3)
 
 
-def bench(*effects, kelvin=None, seed=1):
+def bench(*effects, kelvin=None, seed=1, **cell):
     """The three recordings of a cell; warming up from ``kelvin`` to the reference where that is given."""
     rng = np.random.default_rng(seed)
-    pack = PackModel(circ(), 1, 1.0, effects)
+    pack = PackModel(circ(**cell), 1, 1.0, effects)
     if kelvin is None:
         return tuple(make(pack, rng).thinned(300) for make in (slow, one_c, variable))
     return tuple(_warming(pack, make(pack, rng), kelvin, rng).thinned(300) for make in (slow, one_c, variable))
@@ -82,6 +89,44 @@ def test_charge_transfer_within_seconds_joins_where_it_is():
     assert family.extras.fast
     assert error == pytest.approx(NOISE_V, rel=0.3)
     assert any("charge transfer within seconds: joins" in said for said in remarks)
+
+
+def with_steps():
+    """A curve that falls by steps, as graphite's does."""
+    soc = np.linspace(0.0, 1.0, 101)
+    steps = sum(0.03 * np.tanh((soc - at) / 0.03) for at in (0.25, 0.5, 0.75))
+    return MonotoneSpline(tuple(soc), tuple(3.4 + 0.6 * soc + steps))
+
+
+def test_charge_that_lags_at_the_surface_joins_where_it_is():
+    family, error, remarks = chosen(bench(LAG, ocv=with_steps()))
+    assert family.extras.surface
+    assert error == pytest.approx(NOISE_V, rel=0.5)
+    assert any("surface: joins" in said for said in remarks)
+
+
+def test_no_charge_lags_at_the_surface_of_a_cell_whose_curve_has_its_steps_under_load():
+    family, _, remarks = chosen(bench(ocv=with_steps()))
+    assert not family.extras.surface
+    assert any("surface: left out" in said for said in remarks)
+
+
+@pytest.mark.parametrize(("alone_mv", "beside_mv", "joins"), [(4.9, 4.2, True), (4.9, 4.3, False), (5.1, 1.0, False)])
+def test_the_lag_is_held_against_its_absence_with_what_joins_beside_either(monkeypatch, alone_mv, beside_mv, joins):
+    """By itself it makes up for a drop that is missing and stands at its bounds; 4.5 mV is what the drop leaves."""
+    without = {False: 5.0, True: 4.5}
+
+    def pieces(problem):
+        surface, fast = problem.family.extras.surface, problem.family.extras.fast
+        typical = 1e-3 * ({False: alone_mv, True: beside_mv} if surface else without)[fast]
+        return Unseen(typical, typical, 0.0005 if fast else 0.001, fast or not surface, True)
+
+    monkeypatch.setattr("bhm_service.identification.choice.unseen_error", pieces)
+    monkeypatch.setattr("bhm_service.identification.choice.foretold", lambda _: [0.005, 0.005])
+    family, error, _ = chosen(bench())
+    assert family.extras.fast
+    assert family.extras.surface is joins
+    assert error == pytest.approx(1e-3 * (beside_mv if joins else 4.5))
 
 
 @pytest.mark.parametrize(("with_it_mv", "joins"), [(3.7, True), (3.8, False)])

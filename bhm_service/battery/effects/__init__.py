@@ -19,6 +19,7 @@ from bhm_service.battery.effects.self_heating import SelfHeating
 from bhm_service.battery.effects.shapes import OcvShape, ResistanceShape
 from bhm_service.battery.effects.slow_diffusion import SlowDiffusion
 from bhm_service.battery.effects.start_charge import PartialCharge, SelfDischarge
+from bhm_service.battery.effects.surface_lag import SurfaceLag
 from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.battery.effects.voltage_sensor import VoltageGain, VoltageOffset
 from bhm_service.battery.effects.weak_cell import WeakCell
@@ -31,7 +32,9 @@ _ALL: tuple[type[Effect], ...] = (
 )  # fmt: skip
 EFFECTS: dict[str, type[Effect]] = {effect.id: effect for effect in _ALL}
 """What may be found missing: the catalogue."""
-KNOWN: dict[str, type[Effect]] = {**EFFECTS, **{effect.id: effect for effect in (DoubleLayer, FullChargeResistance)}}
+KNOWN: dict[str, type[Effect]] = {
+    **EFFECTS, **{effect.id: effect for effect in (DoubleLayer, FullChargeResistance, SurfaceLag)},
+}  # fmt: skip
 """What a battery file may hold: the catalogue, and what a lab alone adds to a cell model."""
 
 __all__ = [
@@ -59,6 +62,7 @@ __all__ = [
     "SelfDischarge",
     "SelfHeating",
     "SlowDiffusion",
+    "SurfaceLag",
     "TimeSkew",
     "UnseenLoad",
     "VoltageGain",

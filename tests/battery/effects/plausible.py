@@ -6,11 +6,12 @@ import numpy as np
 
 from bhm_service.battery.effects import EFFECTS, Effect, ResistanceTemperature
 
-# What priors do not say: times of a fault, a covariate of the flight.
+# What priors do not say: times of a fault, a covariate of the flight, what a lab tells.
 GIVEN = {
     "intermittent-contact": {"begin": 120.3, "end": 300.7},
     "self-discharge": {"storage": 12 * 86400.0},
     "capacity-fade": {"age": 1.3},
+    "surface-lag": {"time_constant": 120.0, "share": 1.0},
     "self-heating": {"ambient": 281.0, "start_above": 5.0, "heat_capacity": 450.0, "conductance": 1.2},
 }
 SIGNED = 1.3  # standard deviations from nothing, for sizes that may have both signs

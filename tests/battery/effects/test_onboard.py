@@ -5,7 +5,7 @@ import pytest
 from battery.cells import circ
 from battery.effects.plausible import joined, sizes
 
-from bhm_service.battery.effects import EFFECTS, ResistanceTemperature, SelfHeating
+from bhm_service.battery.effects import KNOWN, ResistanceTemperature, SelfHeating
 from bhm_service.battery.pack import PackModel
 from bhm_service.estimation.tracker import Tracker
 from bhm_service.messages import BatterySample, Model
@@ -43,11 +43,11 @@ def remaining(pack, states, kelvin):
 @pytest.mark.parametrize(
     "name",
     ["capacity-fade", "cold-capacity", "unseen-load", "current-gain", "current-offset", "voltage-offset",
-     "rate-capacity", "slow-diffusion", "resistance-temperature"],
+     "rate-capacity", "slow-diffusion", "resistance-temperature", "surface-lag"],
 )  # fmt: skip
 def test_flying_time_is_at_least_twice_as_near_with_the_effect_as_without(name):
-    effects = joined(EFFECTS[name], **sizes(EFFECTS[name]))
-    kelvin = 278.0 if "temperature" in EFFECTS[name].drivers else None
+    effects = joined(KNOWN[name], **sizes(KNOWN[name]))
+    kelvin = 278.0 if "temperature" in KNOWN[name].drivers else None
     temperature = None if kelvin is None else np.full(T.size, kelvin)
     pack = PackModel(circ(), 6, 1.0, effects)
     run = pack.simulate(T, CURRENT, 0.97, temperature)

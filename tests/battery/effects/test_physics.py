@@ -101,6 +101,53 @@ def test_charge_transfer_behind_the_double_layer_follows_butler_volmer_with_a_la
     np.testing.assert_allclose(out.temperature[-300:] - 290.0, losses[-300:] / 2.0, rtol=0.01)
 
 
+def diffused(rate, tau, shells=400):
+    """Of the charge of a sphere, what its surface lags behind its mean, by finite volumes; ``rate`` (T,) [1/s].
+
+    Flux leaves its surface so that its mean falls by ``rate``; ``tau`` is of its slowest mode, R^2 / D = 20.19 tau.
+    """
+    edges = np.linspace(0.0, 1.0, shells + 1)
+    volumes, middle = np.diff(edges**3) / 3.0, 0.5 * (edges[1:] + edges[:-1])
+    exchange = edges[1:-1] ** 2 / np.diff(middle) / (4.493409458**2 * tau)
+    moved = np.zeros((shells, shells))
+    for k, flow in enumerate(exchange):
+        moved[k, k : k + 2] += np.array([-flow, flow]) / volumes[k]
+        moved[k + 1, k : k + 2] += np.array([flow, -flow]) / volumes[k + 1]
+    out = np.zeros(shells)
+    out[-1] = -1.0 / (3.0 * volumes[-1])
+
+    def slope(t, held):
+        return moved @ held + out * np.interp(t, T, rate)
+
+    found = solve_ivp(slope, (T[0], T[-1]), np.zeros(shells), "BDF", T, rtol=1e-7, atol=1e-10, jac=moved, max_step=5.0)
+    # The gradient at the surface is what leaves there.
+    surface = found.y[-1] - rate / 3.0 * (4.493409458**2 * tau) * (1.0 - middle[-1])
+    return 3.0 * volumes @ found.y - surface
+
+
+def test_charge_lags_at_the_surface_as_diffusion_in_a_sphere_has_it():
+    current = np.where((T // 200) % 2 == 0, 15.0, 4.0)
+    lag = fx.SurfaceLag(time_constant=70.0, share=0.6)
+    out = run(OHMIC, lag, current=current)
+    found = np.sum(out.states[-3:], axis=0)
+    truth = 0.6 * diffused(current / CAPACITY_C, 70.0)
+    assert np.max(truth) > 0.03
+    step = np.abs(T % 200 - 2.0) > 12.0  # all modes but two are one: they differ for seconds after a step
+    np.testing.assert_allclose(found[step], truth[step], atol=0.02 * np.max(truth))
+    closed = N * (CURVE.voltage(out.soc - found) - CURVE.voltage(out.soc))
+    np.testing.assert_allclose(out.voltage - run(OHMIC, current=current).voltage, closed, atol=1e-9)
+
+
+def test_slower_diffusion_makes_the_lag_at_the_surface_larger_and_later_and_its_losses_heat_the_cells():
+    lag, longer = fx.SurfaceLag(time_constant=70.0, share=0.6), fx.SurfaceLag(time_constant=140.0, share=0.6)
+    slower = fx.SlowDiffusion(resistance=0.0, time_constant=100.0, slowing=2.0)
+    both = run(OHMIC, lag, slower).voltage - run(OHMIC, slower).voltage
+    np.testing.assert_allclose(both, difference(OHMIC, longer), atol=1e-9)
+    out = run(OHMIC, lag, fx.SelfHeating(heat_capacity=5.0, conductance=2.0, ambient=290.0), current=STEADY)
+    losses = 10.0 * (N * CURVE.voltage(out.soc) - out.voltage)
+    np.testing.assert_allclose(out.temperature[-300:] - 290.0, losses[-300:] / 2.0, rtol=0.01)
+
+
 @BOTH
 def test_the_order_in_which_effects_join_does_not_matter(cell):
     joined = [

@@ -1,0 +1,65 @@
+"""Solid diffusion: particles give charge from their surface first, so a cell is at its curve's voltage for less."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from bhm_service.battery.dynamics import Solver
+from bhm_service.battery.effects.base import Effect, Instant, Interval, Spread
+from bhm_service.battery.parameters import parameter
+from bhm_service.units import Value
+
+# Modes of diffusion in a sphere under a steady flux (Crank 1975, eq. 6.45): of lambda = tan(lambda) the first two, each
+# with 10 / lambda^2 of the steady difference between surface and mean, and all others as one, of their mean time.
+_FIRST, _SECOND = 4.493409458, 7.725251837
+_SHARES = (10.0 / _FIRST**2, 10.0 / _SECOND**2, 1.0 - 10.0 / _FIRST**2 - 10.0 / _SECOND**2)
+_TIMES = (
+    1.0,
+    (_FIRST / _SECOND) ** 2,
+    (_FIRST**2 / 35.0 - _SHARES[0] - _SHARES[1] * (_FIRST / _SECOND) ** 2) / _SHARES[2],
+)
+_STEADY = _FIRST**2 / 15.0  # times the time constant times the rate at which charge goes: what the surface lags by
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SurfaceLag(Effect):
+    """V = U(SoC - z), z what the surface of a cell's particles lags behind their mean, by diffusion in a sphere.
+
+    Steps of the open-circuit curve come earlier under load, and are no steps any more: no resistance does that. Of a
+    whole cell's curve one electrode has the larger part, so a share of what its particles lag by is seen.
+
+    A part of a lab's model of a cell: no candidate of what is missing in flight.
+    """
+
+    id: ClassVar[str] = "surface-lag"
+    title: ClassVar[str] = "Charge that lags at the particles' surface"
+    equation: ClassVar[str] = "V = U(SoC - z), z w of surface less mean of diffusion in a sphere, R^2 / D = 20.2 tau"
+    source: ClassVar[str] = "Crank 1975, eq. 6.45; single particle model"
+    excited_by: ClassVar[str] = "loads of an hour's discharge or more over steps of the open-circuit curve"
+    state_names: ClassVar[tuple[str, ...]] = ("surface_first", "surface_second", "surface_others")
+
+    time_constant: Value = parameter("tau", "s", 1.0, 1e4, "of the slowest mode")
+    share: Value = parameter("w", "1", 0.0, 10.0, "of what one particle lags by that the cell's curve shows")
+
+    def start(self) -> tuple[Value, ...]:
+        return (0.0, 0.0, 0.0)
+
+    def spread(self) -> tuple[Spread, ...]:
+        return (Spread(0.003, 1e-5),) * 3
+
+    def advance(self, solver: Solver, start: tuple[Value, ...], interval: Interval) -> tuple[Value, ...]:
+        tau = self.time_constant / interval.by.diffusion
+        per_ampere = self.share * _STEADY * tau / (interval.cell.capacity_c * interval.by.capacity)
+        begin, end = per_ampere * interval.begin, per_ampere * interval.end
+        modes = zip(start, _SHARES, _TIMES, strict=True)
+        return tuple(solver.lag(own, part * begin, part * end, times * tau) for own, part, times in modes)
+
+    def heat(self, state: tuple[Value, ...], now: Instant) -> Value:
+        return -now.current * self.extra_voltage(state, now)
+
+    def extra_voltage(self, state: tuple[Value, ...], now: Instant) -> Value:
+        seen: Value = np.asarray(now.soc) - (state[0] + state[1] + state[2])
+        return now.series * (now.cell.open_circuit(seen) - now.cell.open_circuit(now.soc))
