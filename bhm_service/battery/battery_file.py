@@ -85,6 +85,7 @@ class _Shadow(Strict):
 class _LeftOpen(Strict):
     mean: dict[str, tuple[Annotated[float, Field(allow_inf_nan=False)], ...]]
     factor: tuple[tuple[Annotated[float, Field(allow_inf_nan=False)], ...], ...]
+    error_v: Annotated[float, Field(gt=0.0, le=0.2)] | None = None
 
     @model_validator(mode="after")
     def _is_a_triangle(self) -> _LeftOpen:
@@ -210,7 +211,7 @@ def checked_battery(tables: dict[str, Any], where: str) -> BatteryFile:
         sd=sd,
         shadow=None if given.shadow is None else given.shadow.file,
         left_open={
-            model: LeftOpen(mean=found.mean, factor=found.factor)
+            model: LeftOpen(mean=found.mean, factor=found.factor, error_v=found.error_v)
             for model in MODELS
             if (found := getattr(given.left_open, model)) is not None
         },
@@ -310,6 +311,8 @@ def _ocv_table(circ: Circ) -> Any:
 def _left_open_table(found: LeftOpen) -> Any:
     table = tomlkit.table()
     table.add(tomlkit.comment("Errors of this model's form, as the recordings leave them: for bhm explain."))
+    if found.error_v is not None:
+        table["error_v"] = _rounded(found.error_v)
     table["mean"] = {name: _numbers(values, 4) for name, values in found.mean.items()}
     rows = tomlkit.array()
     rows.extend([_numbers(row, 4) for row in found.factor])

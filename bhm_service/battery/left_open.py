@@ -20,6 +20,7 @@ class LeftOpen:
 
     mean: Mapping[str, tuple[float, ...]]
     factor: tuple[tuple[float, ...], ...]  # rows of the lower triangle L of the covariance L L'
+    error_v: float | None = None  # [V] that this model is off by where no fit saw the recordings; None: not said
 
     @property
     def sizes(self) -> dict[str, int]:

@@ -44,16 +44,13 @@ class Witness:
         asked = self._asked(names)
         return self._search(asked).earned(asked) if asked else {}
 
-    def contradicts(self, found: Search, names: Names) -> bool:
-        """Whether a member of a set does by this model the opposite of what it does by another search's.
-
-        Each model may well like the flights better with it: then it mends the structure of both, and is of neither.
-        """
+    def turned_round(self, found: Search, names: Names) -> Names:
+        """The members of a set that do by this model the opposite of what they do by another search's."""
         asked = self._asked(names)
         if not asked:
-            return False
+            return asked
         own, other = self._search(asked).added_by(asked), found.added_by(names)
-        return any(float(np.vdot(own[name], other[name])) < 0.0 for name in asked)
+        return frozenset(name for name in asked if float(np.vdot(own[name], other[name])) < 0.0)
 
     def fitted(self, names: Names) -> Fitted:
         """The set with this model, with the sizes that its members have by it."""

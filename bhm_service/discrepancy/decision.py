@@ -30,6 +30,7 @@ from bhm_service.discrepancy.significance import familywise
 from bhm_service.discrepancy.timing import timed
 
 _MOST_REFUTED = 8  # sets that are put to the test, the best first
+_DEAF = 2.0  # times the error that a model is off by in the lab: a witness beyond hears its own errors only
 _SIGNIFICANT = 0.02  # over the whole catalogue
 
 
@@ -98,12 +99,17 @@ def told_from_lab(found: Search, names: Names) -> bool:
 def _witnessed(found: Search, second: Witness, chosen: Names) -> bool:
     """Whether every member earns something with the other cell model, and what looks like structure all it has to.
 
-    With either model it has to do the same: one that turned round from one to the other is the structure of both.
+    With either model it has to do the same: what both like the flights better with, the one turned round from the
+    other, mends the structure of both. Of a model that follows the pack's own lab far less well nothing else is asked.
     """
     earned = second.earned(chosen)
     names = frozenset(earned)
+    if any(earned[name] >= found.heard(name) for name in second.turned_round(found, chosen)):
+        return False
+    if second.lab.own_error_v > _DEAF * found.base.lab.own_error_v:
+        return True
     least = {name: found.needed(name, names) if name in STRUCTURAL else found.heard(name) for name in earned}
-    return all(nats >= least[name] for name, nats in earned.items()) and not second.contradicts(found, chosen)
+    return all(nats >= least[name] for name, nats in earned.items())
 
 
 def outweighed(found: Search, chosen: Selection, lab: Lab, logs: Sequence[FlightData]) -> tuple[Selection, Left | None]:

@@ -49,7 +49,8 @@ def with_lab_errors(battery: BatteryFile, results: Sequence[ModelResult]) -> Bat
         problem = result.solution.problem
         runs = zip(problem.experiments, problem.misfits(result.solution.x), strict=True)
         lab = lab_of(battery, result.model, None, None)
-        found[result.model] = lab_errors(lab, [Followed(e, -over_v, soc) for e, (over_v, soc) in runs])
+        left = lab_errors(lab, [Followed(e, -over_v, soc) for e, (over_v, soc) in runs])
+        found[result.model] = replace(left, error_v=result.error_v)
     return replace(battery, left_open=found)
 
 

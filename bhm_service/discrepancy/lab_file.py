@@ -47,6 +47,7 @@ def lab_of(battery: BatteryFile, model: ModelName, series: int | None, capacity_
         raise BadInputError(
             battery.name, f"left_open.{model} is of another version of bhm", "identify the pack again, or take it out"
         )
+    own_error_v = None if left_open is None else left_open.error_v
     layers = [e for e in battery.effects(model) if isinstance(e, DoubleLayer)]
     held_back = [(layer, _transfer_ohm(cell, 2.0 * layer.exchange_current)) for layer in layers]
     ohm = _ohm(cell) + sum(share for _, share in held_back)
@@ -65,6 +66,7 @@ def lab_of(battery: BatteryFile, model: ModelName, series: int | None, capacity_
         parallel=parallel,
         ohm=ohm,
         voltage_error_v=said.voltage_error_v,
+        own_error_v=said.voltage_error_v if own_error_v is None else own_error_v,
         identified=identified,
         ohmic_share=(float(np.asarray(cell.r_s if isinstance(cell, Circ) else cell.r_o)) + at_once) / ohm,
         resistance_sd=spread("resistance", said.resistance),

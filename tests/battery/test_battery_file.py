@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from battery.cells import CUBIC, chem, circ
@@ -9,6 +11,7 @@ from bhm_service.errors import BadInputError
 
 COVARIANCE = np.array([[4e-6, 1e-6, 0.0], [1e-6, 9e-6, -2e-6], [0.0, -2e-6, 1e-4]])
 LEFT_OPEN = left_open({"bends": np.array([0.001, -0.002]), "curve": np.array([0.3])}, COVARIANCE)
+OWN = replace(LEFT_OPEN, error_v=0.0017)
 R_S = 'value = 0.004, sd = 0.0002, unit = "ohm"'
 
 
@@ -27,7 +30,7 @@ def written(tmp_path):
                 Joined(effect=SlowDiffusion(resistance=0.002, time_constant=400.0), model="circ"),
             ),
             sd={"circ": {"r_s": 2e-4}},
-            left_open={"circ": LEFT_OPEN},
+            left_open={"circ": OWN},
         ),
     )
     return path
@@ -44,6 +47,7 @@ def test_what_is_written_is_read_back(written):
     assert back.sd["circ"]["r_s"] == pytest.approx(2e-4)
     assert back.left_open["circ"].mean == {"bends": (0.001, -0.002), "curve": (0.3,)}
     np.testing.assert_allclose(back.left_open["circ"].covariance, COVARIANCE, rtol=2e-3, atol=1e-9)
+    assert back.left_open["circ"].error_v == pytest.approx(0.0017)
     assert "chem" not in back.left_open
     soc = np.linspace(0, 1, 50)
     np.testing.assert_allclose(back.circ.open_circuit(soc), circ().open_circuit(soc), atol=1e-5)
@@ -74,6 +78,7 @@ def test_the_papers_cubic_curve_survives_the_file(tmp_path):
         ("curve = [0.3]", "curve = [0.3, 0.4]", ["left_open.circ", "factor must have 4 rows of 1 to 4 numbers"]),
         ("[0.002],", "[-0.002],", ["left_open.circ", "every row of factor must end with a number above 0"]),
         ("curve = [0.3]", "curve = [nan]", ["left_open.circ.mean.curve", "finite"]),
+        ("error_v = 0.0017", "error_v = 1.7", ["left_open.circ.error_v", "less than or equal to 0.2"]),
         ("series = 6", "series = 0", ["series = 0", "greater than or equal to 1"]),
         ('id = "resistance-temperature"', 'id = "phlogiston"', ["phlogiston", "resistance-temperature"]),
     ],
@@ -106,3 +111,9 @@ def test_the_battery_that_ships_has_rising_curves(generic):
     for cell in (generic.circ, generic.chem):
         assert np.all(np.diff(cell.open_circuit(soc)) > 0.0)
     assert generic.circ.open_circuit(1.0) == pytest.approx(4.2, abs=1e-3)
+
+
+def test_a_file_of_before_models_had_errors_of_their_own_is_read(written):
+    text = written.read_text()
+    written.write_text("".join(line for line in text.splitlines(keepends=True) if not line.startswith("error_v")))
+    assert read_battery(written).left_open["circ"].error_v is None

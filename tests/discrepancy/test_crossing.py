@@ -35,6 +35,11 @@ def by_a_cell_higher_by(found, volts):
     return witness(lab, found.base, found.candidates, other=found)
 
 
+def off_in_the_lab(second, volts):
+    """The witness by a model that is off by so much in the lab, of which no more is told for it."""
+    return witness(replace(second.lab, own_error_v=volts), second.base, second.candidates, other=second.other)
+
+
 def decided(found, second):
     """What stands."""
     closer = witness(found.base.lab, found.base, found.candidates, near=found)
@@ -43,7 +48,7 @@ def decided(found, second):
 
 def test_what_both_models_lay_on_the_same_effect_stands(found):
     second = by_a_cell_higher_by(found, 0.5 * _VOLT)
-    assert not second.contradicts(found, OFFSET)
+    assert not second.turned_round(found, OFFSET)
     assert decided(found, second) == OFFSET
 
 
@@ -51,5 +56,17 @@ def test_what_the_other_model_turns_round_is_the_structure_of_both(found):
     """Either likes the flights far better with the effect."""
     second = by_a_cell_higher_by(found, 2.0 * _VOLT)
     assert second.earned(OFFSET)["voltage-offset"] > 20.0
-    assert second.contradicts(found, OFFSET)
+    assert second.turned_round(found, OFFSET) == OFFSET
     assert decided(found, second) == frozenset()
+
+
+def test_a_model_that_follows_the_lab_far_less_well_need_not_see_it(found):
+    second = by_a_cell_higher_by(found, _VOLT)
+    assert second.earned(OFFSET)["voltage-offset"] < 1.0
+    for times, stands in ((1.9, frozenset()), (2.1, OFFSET)):
+        assert decided(found, off_in_the_lab(second, times * found.base.lab.own_error_v)) == stands
+
+
+def test_a_model_that_turns_it_round_is_heard_however_badly_it_follows_the_lab(found):
+    second = by_a_cell_higher_by(found, 2.0 * _VOLT)
+    assert decided(found, off_in_the_lab(second, 4.0 * found.base.lab.own_error_v)) == frozenset()

@@ -144,6 +144,18 @@ def test_of_a_told_form_flights_may_be_apart_by_a_share_of_what_the_model_is_off
     assert lab_of(plain, "circ", None, None).bend_sd_v == pytest.approx(min(sd_v, 0.010))
 
 
+@pytest.mark.parametrize(("said_v", "own_v"), [(0.002, 0.002), (None, 0.02)])
+def test_how_well_a_model_follows_the_lab_is_its_own_and_how_flights_may_differ_is_of_the_worse(said_v, own_v):
+    """A model that follows a lab closely need not follow flights as closely."""
+    told = told_its_form(base([]).lab).left_open
+    known = replace(BATTERY, uncertainty=replace(BATTERY.uncertainty, voltage_error_v=0.02))
+    lab, silent = (
+        lab_of(replace(known, left_open={"circ": replace(told, error_v=v)}), "circ", None, None) for v in (said_v, None)
+    )
+    assert lab.own_error_v == own_v
+    assert replace(lab, own_error_v=0.0, left_open=told) == replace(silent, own_error_v=0.0, left_open=told)
+
+
 def test_what_a_double_layer_holds_back_for_a_second_goes_at_once_for_a_log_at_one_hertz():
     """Its pair and the series resistance share what another identification has in the series resistance alone."""
     layers = [Joined(effect=DoubleLayer(exchange_current=20.0, time_constant=s)) for s in (1.0, 20.0)]
