@@ -36,3 +36,8 @@ def test_slower_charge_transfer_is_named_and_repaired():
     assert [e.id for e in found.findings.effects] == [CHARGE_TRANSFER]
     assert {j.effect.id for j in found.repaired.joined} == {"double-layer", CHARGE_TRANSFER}
     assert found.findings.fit.heldout_after_V < 0.3 * found.findings.fit.heldout_before_V
+
+
+def test_charge_transfer_that_would_be_faster_than_in_the_lab_is_no_physics_of_the_pack():
+    found = explain(Request(battery=KNOWN, flights=flights(2.5)))
+    assert CHARGE_TRANSFER not in {e.id for e in found.findings.effects}

@@ -15,16 +15,20 @@ from bhm_service.identification.problem import STEP
 
 
 @pytest.mark.parametrize(
-    ("make", "form"),
-    [(CircFamily, {}), (CircFamily, {"ocv": "cubic"}), (ChemFamily, {})],
-    ids=["spline", "cubic", "chem"],
-)
-def test_derivatives_are_differences_of_the_residuals(make, form):
+    ("make", "form", "surface"),
+    [
+        (CircFamily, {}, False), (CircFamily, {}, True), (CircFamily, {"ocv": "cubic"}, False),
+        (CircFamily, {"ocv": "cubic"}, True), (ChemFamily, {}, False),
+    ],
+    ids=["spline", "spline that lags", "cubic", "cubic that lags", "chem"],
+)  # fmt: skip
+def test_derivatives_are_differences_of_the_residuals(make, form, surface):
     rng = np.random.default_rng(1)
     pack = PackModel(circ(), 1)
     experiments = [run(pack, rng).thinned(100) for run in (slow, one_c, variable)]
     premises = premises_of(experiments, CAPACITY_C / 3600.0)
-    family = make(capacity_c=premises.capacity_c, curve=premises.curve, curve_sd=0.01, extras=Extras(slow=True), **form)
+    extras = Extras(slow=True, surface=surface)
+    family = make(capacity_c=premises.capacity_c, curve=premises.curve, curve_sd=0.01, extras=extras, **form)
     problem = problem_for(family, experiments, premises)
     x = problem.unknowns.start
     rows = problem.residuals(np.vstack([x, x + STEP * np.eye(x.size)]))

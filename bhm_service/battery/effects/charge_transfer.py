@@ -17,13 +17,14 @@ _CHORD_C = 2.0  # [1/h] load at which the lab's straight line and the bent one m
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChargeTransfer(Effect):
-    """V_ct = (2 R_g T / F) asinh(i / 2 i_0), slower or faster than in the lab, or in the place of its straight line.
+    """V_ct = (2 R_g T / F) asinh(i / 2 i_0), slower than in the lab, or in the place of its straight line.
 
     Where the lab's recordings told charge transfer from the rest, it is the battery's ``double-layer``, and only its
     speed is open. Where they did not, it is within the resistance, which was identified around the load of a hover: of
     the straight line that is replaced a share of the chord up to 2C is the kinetics as the lab had them. At that speed
-    the effect bends the drop but does not change it there; since then they may have become slower or faster. That holds
-    for Chem too: what its exchange currents are after an identification is as often polarisation that takes a minute.
+    the effect bends the drop but does not change it there; since then they may have become slower. At one temperature
+    nothing makes them faster: what wants that is the lab's model, not the pack. That holds for Chem too: what its
+    exchange currents are after an identification is as often polarisation that takes a minute.
 
     A cell has two electrodes. The faster one's drop is straight as long as it is fast, so the lab has it for ohmic.
     When both become slower it bends as well, and no such line is the sum of two.
@@ -51,7 +52,7 @@ class ChargeTransfer(Effect):
         absent=0.0, prior=(1.0, 0.5), unless="double-layer",
     )  # fmt: skip
     speed: Value = parameter(
-        "s", "1", 0.05, 20.0, "speed of charge transfer over that of the lab", default=1.0, absent=1.0,
+        "s", "1", 0.05, 1.0, "speed of charge transfer over that of the lab", default=1.0, absent=1.0,
         prior=(1.0, 0.4),
     )  # fmt: skip
     other: Value = parameter(

@@ -16,8 +16,8 @@ from bhm_service.units import Value
 class SlowDiffusion(Effect):
     """tau dV_2/dt = R_2 i - V_2, taken from the cell's voltage; both grow as diffusion slows down.
 
-    Or it is the cell's own diffusion that is slower than in the lab: in Chem's particles, in other pairs of this kind,
-    and in Circ's own pair, which takes half of it.
+    Or it is the cell's own diffusion that is slower than in the lab (never faster, at one temperature): in Chem's
+    particles, in other pairs of this kind, in the lag at the surface, and in Circ's own pair, which takes half of it.
     """
 
     id: ClassVar[str] = "slow-diffusion"
@@ -38,7 +38,7 @@ class SlowDiffusion(Effect):
         "tau_2", "s", 10.0, 2e4, "its time constant", prior=(300.0, 150.0), source="100-600 s"
     )
     slowing: Value = parameter(
-        "s", "1", 0.05, 20.0, "diffusion time over that of the lab", default=1.0, absent=1.0, prior=(1.0, 0.4)
+        "s", "1", 1.0, 20.0, "diffusion time over that of the lab", default=1.0, absent=1.0, prior=(1.0, 0.4)
     )  # fmt: skip
 
     def start(self) -> tuple[Value, ...]:

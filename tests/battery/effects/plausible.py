@@ -23,7 +23,8 @@ def sizes(effect: type[Effect]) -> dict[str, float]:
     for p in effect.parameters():
         if p.prior is not None:
             mean, sd = p.prior
-            found[p.name] = p.si(mean + SIGNED * sd if mean == p.absent else mean)
+            more, less = (mean + sign * SIGNED * sd for sign in (1.0, -1.0))
+            found[p.name] = p.si((more if more <= p.high else less) if mean == p.absent else mean)
     return found | GIVEN.get(effect.id, {})
 
 
