@@ -70,8 +70,8 @@ class ModelResult:
 
     @property
     def error_v(self) -> float | None:
-        """That error, no less than benches repeat to; None where it was not asked. [V]"""
-        return max(self.unseen_v, _BENCH_V) if np.isfinite(self.unseen_v) else None
+        """That error, no less than benches repeat to and no more than a file may claim; None: not asked. [V]"""
+        return float(np.clip(self.unseen_v, _BENCH_V, _VOLTAGE_ERROR[1])) if np.isfinite(self.unseen_v) else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
 from bhm_service.battery.dynamics import Solver
 from bhm_service.battery.effects.base import Effect, Instant, Interval, Spread
 from bhm_service.battery.parameters import parameter
@@ -61,5 +59,6 @@ class SurfaceLag(Effect):
         return -now.current * self.extra_voltage(state, now)
 
     def extra_voltage(self, state: tuple[Value, ...], now: Instant) -> Value:
-        seen: Value = np.asarray(now.soc) - (state[0] + state[1] + state[2])
-        return now.series * (now.cell.open_circuit(seen) - now.cell.open_circuit(now.soc))
+        seen = now.soc - (state[0] + state[1] + state[2])
+        added: Value = now.series * (now.cell.open_circuit(seen) - now.cell.open_circuit(now.soc))
+        return added
