@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar, Final
 
 import numpy as np
 
@@ -22,7 +22,31 @@ from bhm_service.identification.unknowns import Block, numbers, positive
 from bhm_service.units import Array
 
 OHM_C = 0.025  # [V] that a LiPo cell drops at 1C
-_KILO = 1e3  # an activation energy is looked for in kJ/mol
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """An effect, and the unknowns that its parameters are, by the parameters' names."""
+
+    joins: str  # the flag of `Extras`
+    effect: type[Effect]
+    unknowns: Mapping[str, str]
+    unit: float = 1.0  # in which they are looked for, in SI
+
+    def of(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Its parameters in SI, out of something of each unknown."""
+        return {name: self.unit * values[unknown] for name, unknown in self.unknowns.items()}
+
+
+PARTS: Final = (
+    Part("temperature", ResistanceTemperature, {"activation_energy": "activation_energy"}, unit=1e3),  # in kJ/mol
+    Part("slow", SlowDiffusion, {"resistance": "slow_resistance", "time_constant": "slow_time"}),
+    Part("slower", SlowDiffusion, {"resistance": "slower_resistance", "time_constant": "slower_time"}),
+    Part("full", FullChargeResistance, {"resistance": "full_resistance", "width": "full_width"}),
+    Part("fast", DoubleLayer, {"exchange_current": "fast_current", "time_constant": "fast_time"}),
+    Part("surface", SurfaceLag, {"time_constant": "surface_time", "share": "surface_share"}),
+)
+"""In the order of their states in a pack; `CircFamily` reads those of the last."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,15 +59,11 @@ class Extras:
     full: bool = False  # resistance that grows towards full charge
     fast: bool = False  # charge transfer within seconds
     surface: bool = False  # charge that lags at the particles' surface
-    names: ClassVar[tuple[str, ...]] = (
-        "activation_energy", "slow_resistance", "slow_time", "slower_resistance", "slower_time",
-        "full_resistance", "full_width", "fast_current", "fast_time",
-        "surface_time", "surface_share",
-    )  # fmt: skip
+    names: ClassVar[tuple[str, ...]] = tuple(name for part in PARTS for name in part.unknowns.values())
 
     @property
-    def _pairs(self) -> list[str]:
-        return [name for name, joins in (("slow", self.slow), ("slower", self.slower)) if joins]
+    def _parts(self) -> list[Part]:
+        return [part for part in PARTS if getattr(self, part.joins)]
 
     def blocks(self, ohm: float) -> list[Block]:
         """Their unknowns; ``ohm`` is the size of the cell's resistance."""
@@ -70,46 +90,12 @@ class Extras:
 
     def effects(self, values: Mapping[str, Array]) -> list[Effect]:
         """The effects of a set of values."""
-        found: list[Effect] = []
-        if self.temperature:
-            found.append(ResistanceTemperature(activation_energy=_KILO * values["activation_energy"]))
-        found.extend(
-            SlowDiffusion(resistance=values[f"{pair}_resistance"], time_constant=values[f"{pair}_time"])
-            for pair in self._pairs
-        )
-        if self.full:
-            found.append(FullChargeResistance(resistance=values["full_resistance"], width=values["full_width"]))
-        if self.fast:
-            found.append(DoubleLayer(exchange_current=values["fast_current"], time_constant=values["fast_time"]))
-        if self.surface:  # last: `CircFamily` reads its states
-            found.append(SurfaceLag(time_constant=values["surface_time"], share=values["surface_share"]))
-        return found
+        return [part.effect(**part.of(values)) for part in self._parts]
 
     def joined(self, model: ModelName, values: Mapping[str, Array], sd: Mapping[str, float]) -> tuple[Joined, ...]:
         """The effects of one set of values, as the battery file holds them."""
-        found = []
-        if self.temperature:
-            effect: Effect = ResistanceTemperature(activation_energy=_KILO * _one(values["activation_energy"]))
-            spread = {"activation_energy": _KILO * sd["activation_energy"]}
-            found.append(Joined(effect=effect, model=model, sd=spread))
-        for pair in self._pairs:
-            resistance, time = f"{pair}_resistance", f"{pair}_time"
-            effect = SlowDiffusion(resistance=_one(values[resistance]), time_constant=_one(values[time]))
-            spread = {"resistance": sd[resistance], "time_constant": sd[time]}
-            found.append(Joined(effect=effect, model=model, sd=spread))
-        if self.full:
-            effect = FullChargeResistance(resistance=_one(values["full_resistance"]), width=_one(values["full_width"]))
-            spread = {"resistance": sd["full_resistance"], "width": sd["full_width"]}
-            found.append(Joined(effect=effect, model=model, sd=spread))
-        if self.fast:
-            effect = DoubleLayer(exchange_current=_one(values["fast_current"]), time_constant=_one(values["fast_time"]))
-            spread = {"exchange_current": sd["fast_current"], "time_constant": sd["fast_time"]}
-            found.append(Joined(effect=effect, model=model, sd=spread))
-        if self.surface:
-            effect = SurfaceLag(time_constant=_one(values["surface_time"]), share=_one(values["surface_share"]))
-            spread = {"time_constant": sd["surface_time"], "share": sd["surface_share"]}
-            found.append(Joined(effect=effect, model=model, sd=spread))
-        return tuple(found)
+        one = {name: float(values[name].ravel()[0]) for part in self._parts for name in part.unknowns.values()}
+        return tuple(Joined(effect=part.effect(**part.of(one)), model=model, sd=part.of(sd)) for part in self._parts)
 
 
 def _as_declared(effect: type[Effect], name: str) -> Block:
@@ -118,7 +104,3 @@ def _as_declared(effect: type[Effect], name: str) -> Block:
     assert told.prior is not None
     mean, sd = told.prior
     return replace(numbers(name, np.array([mean]), sd, np.inf), low=np.array([told.low]), high=np.array([told.high]))
-
-
-def _one(values: Array) -> float:
-    return float(values.ravel()[0])

@@ -10,22 +10,12 @@ import numpy as np
 from bhm_service.battery.battery_file import ModelName
 from bhm_service.battery.parameters import Parameter, parameters_of
 from bhm_service.identification.assess import Assessment, Error, step_resistance
-from bhm_service.identification.extras import Extras
+from bhm_service.identification.extras import PARTS, Extras
 from bhm_service.identification.identify import Identified, ModelResult
 from bhm_service.units import SECONDS_PER_HOUR, Value
 
 QUALITY_HEADER = ("recording", "", "model", "RMSE", "bias", "best possible")
 PARAMETER_HEADER = ("", "value", "± sd", "unit", "sd, covariance", "sd, bootstrap", "meaning")
-_EFFECT_BLOCKS = {
-    ("slow-diffusion", "resistance"): ("slow_resistance", "slower_resistance"),
-    ("slow-diffusion", "time_constant"): ("slow_time", "slower_time"),
-    ("full-charge-resistance", "resistance"): ("full_resistance",),
-    ("full-charge-resistance", "width"): ("full_width",),
-    ("double-layer", "exchange_current"): ("fast_current",),
-    ("double-layer", "time_constant"): ("fast_time",),
-    ("surface-lag", "time_constant"): ("surface_time",),
-    ("surface-lag", "share"): ("surface_share",),
-}
 _FACTOR = 0.5  # of a logarithm: a wider spread is told as a factor
 _NOT_TOLD = "not told"
 _CAPACITY = "capacity"  # the block, where flights tell the capacity; c_max and q_max follow it
@@ -143,7 +133,11 @@ def _of_effects(result: ModelResult) -> Iterator[tuple[str, Parameter, Value, st
     for k, joined in enumerate(result.joined):
         earlier = sum(j.effect.id == joined.effect.id for j in result.joined[:k])
         for declared in parameters_of(type(joined.effect)):
-            one_each = _EFFECT_BLOCKS.get((joined.effect.id, declared.name), ())
+            one_each = [
+                p.unknowns[declared.name]
+                for p in PARTS
+                if p.effect is type(joined.effect) and declared.name in p.unknowns
+            ]
             block = one_each[earlier] if earlier < len(one_each) else declared.name
             whose = f"the second {joined.effect.id}" if earlier else joined.effect.id
             yield whose, declared, getattr(joined.effect, declared.name), block
