@@ -61,6 +61,7 @@ class PackModel:
         self._carrying = self._with("cell_temperature")
         self._rising = self._with("temperature_rise")
         self._modifying = self._with("modifiers")
+        self._lagging = self._with("curve_lag")
         self._heating = self._with("heat")
         self._moving = self._with("advance")
         self._adding = self._with("extra_voltage")
@@ -202,7 +203,11 @@ class PackModel:
     def _instant(self, states: States, cell_current: Value, known: Value, by: Modifiers) -> Instant:
         """``cell_current`` is what one of the cells carries that stand side by side (`_abreast`)."""
         abreast = self._abreast(by)
-        return Instant(cell_current * abreast, cell_current, states[0], known, self.series, abreast, self.cell, by)
+        drawn = cell_current * abreast
+        lag: Value = 0.0
+        for effect, where in self._lagging:
+            lag = lag + effect.curve_lag(states[where])
+        return Instant(drawn, cell_current, states[0], known, self.series, abreast, self.cell, by, lag)
 
     def _abreast(self, by: Modifiers) -> Value:
         """Cells side by side; what has lost area counts as fewer, each of them whole."""

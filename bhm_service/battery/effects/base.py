@@ -36,6 +36,7 @@ class Instant(NamedTuple):
     parallel: Value  # cells side by side
     cell: CellModel
     by: Modifiers  # what all effects lay on the cells
+    curve_lag: Value = 0.0  # [-] charge by which the open-circuit curve is read below ``soc``
 
 
 class Interval(NamedTuple):
@@ -124,6 +125,10 @@ class Effect(Physics):
     def modifiers(self, state: tuple[Value, ...], at: Conditions) -> Modifiers:
         """Scales on resistance, kinetics, diffusion and capacity."""
         return UNMODIFIED
+
+    def curve_lag(self, state: tuple[Value, ...]) -> Value:
+        """By how much charge below the cells' own the open-circuit curve is read. [-]"""
+        return 0.0
 
     def heat(self, state: tuple[Value, ...], now: Instant) -> Value:
         """Heat in the pack [W] beside the losses of the cell model itself."""

@@ -59,7 +59,7 @@ class OcvShape(Effect):
 
     def extra_voltage(self, state: tuple[Value, ...], now: Instant) -> Value:
         values = tuple(getattr(self, f"at_{round(100 * soc)}") for soc in self.knots)
-        return now.series * hats(self.knots, values, now.soc)
+        return now.series * hats(self.knots, values, now.soc - now.curve_lag)
 
 
 def _share(soc: float) -> Value:

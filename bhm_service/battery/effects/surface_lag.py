@@ -39,7 +39,7 @@ class SurfaceLag(Effect):
     excited_by: ClassVar[str] = "loads of an hour's discharge or more over steps of the open-circuit curve"
     state_names: ClassVar[tuple[str, ...]] = ("surface_first", "surface_second", "surface_others")
 
-    time_constant: Value = parameter("tau", "s", 1.0, 1e4, "of the slowest mode")
+    time_constant: Value = parameter("tau", "s", 1.0, 1e4, "of the slowest mode of diffusion")
     share: Value = parameter("w", "1", 0.0, 10.0, "of what one particle lags by that the cell's curve shows")
 
     def start(self) -> tuple[Value, ...]:
@@ -58,7 +58,10 @@ class SurfaceLag(Effect):
     def heat(self, state: tuple[Value, ...], now: Instant) -> Value:
         return -now.current * self.extra_voltage(state, now)
 
+    def curve_lag(self, state: tuple[Value, ...]) -> Value:
+        return state[0] + state[1] + state[2]
+
     def extra_voltage(self, state: tuple[Value, ...], now: Instant) -> Value:
-        seen = now.soc - (state[0] + state[1] + state[2])
+        seen = now.soc - self.curve_lag(state)
         added: Value = now.series * (now.cell.open_circuit(seen) - now.cell.open_circuit(now.soc))
         return added

@@ -15,7 +15,8 @@ from bhm_service.units import Value
 class WeakCell(Effect):
     """One cell has (1 - d) of the capacity and (1 + r) of the ohmic resistance; balanced at the start.
 
-    Its state is how far its charge is from the others'; the pack's voltage changes by U(SoC + state) - U(SoC).
+    Its state is how far its charge is from the others'; the pack's voltage changes by U(SoC_w) - U(SoC). Where cells
+    are at their curve's voltage for a charge that lags by z, its own lags by z / (1 - d).
     """
 
     id: ClassVar[str] = "weak-cell"
@@ -44,7 +45,8 @@ class WeakCell(Effect):
         return (solver.counter(start[0], sooner * interval.begin, sooner * interval.end),)
 
     def extra_voltage(self, state: tuple[Value, ...], now: Instant) -> Value:
-        return now.cell.open_circuit(now.soc + state[0]) - now.cell.open_circuit(now.soc)
+        own = now.soc + state[0] - now.curve_lag / (1.0 - self.loss)
+        return now.cell.open_circuit(own) - now.cell.open_circuit(now.soc - now.curve_lag)
 
     def series_resistance(self, state: tuple[Value, ...], now: Instant) -> Value:
         return self.resistance * now.cell.ohmic_resistance(now.by) / now.parallel

@@ -136,6 +136,9 @@ def test_charge_lags_at_the_surface_as_diffusion_in_a_sphere_has_it():
     np.testing.assert_allclose(found[step], truth[step], atol=0.02 * np.max(truth))
     closed = N * (CURVE.voltage(out.soc - found) - CURVE.voltage(out.soc))
     np.testing.assert_allclose(out.voltage - run(OHMIC, current=current).voltage, closed, atol=1e-9)
+    bend = fx.OcvShape(at_60=0.03, at_70=-0.02)
+    read = N * np.interp(out.soc - found, bend.knots, [0.0] * 6 + [0.03, -0.02] + [0.0] * 3)
+    np.testing.assert_allclose(run(OHMIC, lag, bend, current=current).voltage - out.voltage, read, atol=1e-9)
 
 
 def test_slower_diffusion_makes_the_lag_at_the_surface_larger_and_later_and_its_losses_heat_the_cells():
@@ -242,12 +245,14 @@ def test_a_start_below_the_assumed_charge_is_that_start(cell):
     np.testing.assert_allclose(run(cell, stored).voltage, there, rtol=1e-12)
 
 
-def test_a_weak_cell_is_one_cell_of_smaller_capacity_and_more_resistance():
+@pytest.mark.parametrize("others", [(), (fx.SurfaceLag(time_constant=70.0, share=0.6),)], ids=["bulk", "surface"])
+def test_a_weak_cell_is_one_cell_of_smaller_capacity_and_more_resistance(others):
     """Five good cells and a weak one, each simulated on its own."""
     plain = {"r_sp1": 0.0}
-    good = PackModel(circ(**plain), 1).simulate(T, GUSTY, 0.95)
-    weak = PackModel(circ(**plain, c_max=0.8 * CAPACITY_C, r_s=0.004 * 1.4), 1).simulate(T, GUSTY, 0.95)
-    pack = run(circ(**plain), fx.WeakCell(loss=0.2, resistance=0.4))
+    good = PackModel(circ(**plain), 1, effects=others).simulate(T, GUSTY, 0.95)
+    cell = circ(**plain, c_max=0.8 * CAPACITY_C, r_s=0.004 * 1.4)
+    weak = PackModel(cell, 1, effects=others).simulate(T, GUSTY, 0.95)
+    pack = run(circ(**plain), fx.WeakCell(loss=0.2, resistance=0.4), *others)
     np.testing.assert_allclose(pack.voltage, 5 * good.voltage + weak.voltage, rtol=1e-10)
 
 
