@@ -19,7 +19,7 @@ from bhm_service.battery.chem import Chem
 from bhm_service.battery.circ import Circ
 from bhm_service.battery.effects import KNOWN, Effect
 from bhm_service.battery.left_open import LeftOpen
-from bhm_service.battery.ocv import CubicCapacitance, MonotoneSpline, OpenCircuit
+from bhm_service.battery.ocv import CubicCapacitance, CurveRest, MonotoneSpline, OpenCircuit
 from bhm_service.battery.parameters import Parameter, parameters_of
 from bhm_service.battery.uncertainty import Uncertainty
 from bhm_service.config import checked, read_toml
@@ -86,6 +86,7 @@ class _LeftOpen(Strict):
     mean: dict[str, tuple[Annotated[float, Field(allow_inf_nan=False)], ...]]
     factor: tuple[tuple[Annotated[float, Field(allow_inf_nan=False)], ...], ...]
     error_v: Annotated[float, Field(gt=0.0, le=0.2)] | None = None
+    load_error_v: Annotated[float, Field(gt=0.0, le=0.2)] | None = None
 
     @model_validator(mode="after")
     def _is_a_triangle(self) -> _LeftOpen:
@@ -122,6 +123,16 @@ class _Spline(Strict):
         return self
 
 
+class _Rest(Strict):
+    soc: tuple[float, ...]
+    volts: tuple[Annotated[float, Field(ge=-0.2, le=0.2)], ...]
+
+    @model_validator(mode="after")
+    def _is_a_rest(self) -> _Rest:
+        CurveRest(self.soc, self.volts)
+        return self
+
+
 def quantity(declared: Parameter) -> Any:
     """The type of one number in a file: bare or with its unit, inside the declared range."""
 
@@ -151,7 +162,7 @@ def _schema() -> type[BaseModel]:
 
     coefficients = Annotated[tuple[float, ...], Field(min_length=1, max_length=24)]
     circ = section("Circ", Circ, ocv=(Annotated[_Cubic | _Spline, Field(discriminator="kind")], ...))
-    chem = section("Chem", Chem, a_p=(coefficients, ...), a_n=(coefficients, (0.0,)))
+    chem = section("Chem", Chem, a_p=(coefficients, ...), a_n=(coefficients, (0.0,)), curve_rest=(_Rest | None, None))
     effects = tuple(
         section(effect.__name__, effect, id=(Literal[name], ...), model=(ModelName | None, None))
         for name, effect in KNOWN.items()
@@ -193,7 +204,8 @@ def checked_battery(tables: dict[str, Any], where: str) -> BatteryFile:
         circ = Circ(ocv=_open_circuit(given.circ.ocv, values["c_max"]), **values)
     if given.chem is not None:
         values, sd["chem"] = in_si(Chem, given.chem)
-        chem = Chem(a_p=given.chem.a_p, a_n=given.chem.a_n, **values)
+        rest = given.chem.curve_rest and CurveRest(given.chem.curve_rest.soc, given.chem.curve_rest.volts)
+        chem = Chem(a_p=given.chem.a_p, a_n=given.chem.a_n, curve_rest=rest, **values)
     joined = []
     for entry in given.effect:
         kind = KNOWN[entry.id]
@@ -211,9 +223,7 @@ def checked_battery(tables: dict[str, Any], where: str) -> BatteryFile:
         sd=sd,
         shadow=None if given.shadow is None else given.shadow.file,
         left_open={
-            model: LeftOpen(mean=found.mean, factor=found.factor, error_v=found.error_v)
-            for model in MODELS
-            if (found := getattr(given.left_open, model)) is not None
+            model: LeftOpen(**dict(found)) for model in MODELS if (found := getattr(given.left_open, model)) is not None
         },
     )
 
@@ -259,6 +269,8 @@ def write_battery(path: Path, battery: BatteryFile) -> None:
         section = section_table(battery.chem, battery.sd.get("chem", {}))
         section.add("a_p", _numbers(battery.chem.a_p).comment("[J/mol] A_p,k: Redlich-Kister, positive electrode"))
         section.add("a_n", _numbers(battery.chem.a_n).comment("[J/mol] A_n,k: negative electrode"))
+        if battery.chem.curve_rest is not None:
+            section["curve_rest"] = _rest_table(battery.chem.curve_rest)
         document["chem"] = section
     document["uncertainty"] = section_table(battery.uncertainty, {})
     if battery.shadow is not None:
@@ -308,11 +320,20 @@ def _ocv_table(circ: Circ) -> Any:
     return table
 
 
+def _rest_table(rest: CurveRest) -> Any:
+    table = tomlkit.table()
+    table.add(tomlkit.comment("What the series leaves of the open-circuit curve."))
+    table["soc"] = [round(s, 6) for s in rest.soc]
+    table["volts"] = [round(v, 6) for v in rest.volts]
+    return table
+
+
 def _left_open_table(found: LeftOpen) -> Any:
     table = tomlkit.table()
     table.add(tomlkit.comment("Errors of this model's form, as the recordings leave them: for bhm explain."))
-    if found.error_v is not None:
-        table["error_v"] = _rounded(found.error_v)
+    for name, volts in (("error_v", found.error_v), ("load_error_v", found.load_error_v)):
+        if volts is not None:
+            table[name] = _rounded(volts)
     table["mean"] = {name: _numbers(values, 4) for name, values in found.mean.items()}
     rows = tomlkit.array()
     rows.extend([_numbers(row, 4) for row in found.factor])

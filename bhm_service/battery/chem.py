@@ -8,6 +8,9 @@ create lithium. `charges` gives the paper's four back.
 
 The model stays at the temperature it was identified at: in the paper's equations temperature stands only in RT/F,
 which makes overpotentials rise when it is warm. What temperature really does is the business of the effects.
+
+No Redlich-Kister series of any order follows a step of the curve, as lithium cobalt oxide has near full (10 mV off):
+what the series leaves of a recorded curve may be added to it (`curve_rest`), read at the surface as all of it is.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ import numpy as np
 
 from bhm_service.battery.cell import Modifiers
 from bhm_service.battery.dynamics import Solver
+from bhm_service.battery.ocv import CurveRest
 from bhm_service.battery.parameters import parameter
 from bhm_service.battery.redlich_kister import horner, polynomial
 from bhm_service.units import (
@@ -51,6 +55,7 @@ class Chem:
     tau_n: Value = parameter("tau_eta_n", "s", 1e-3, 1e4, "time constant of the negative overpotential")
     a_p: tuple[Value, ...]  # [J/mol] A_p,k
     a_n: tuple[Value, ...]  # [J/mol] A_n,k
+    curve_rest: CurveRest | None = None  # what the series leaves of a curve with steps
     _powers: tuple[Value, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -119,7 +124,8 @@ class Chem:
 
     def _equilibrium(self, x_s: Value) -> Value:
         """V_U,p - V_U,n [V] of the surfaces (A.21), x_s that of the negative electrode."""
-        return nernst(x_s) + horner(self._powers, 2.0 * x_s - 1.0)
+        by_series: Value = nernst(x_s) + horner(self._powers, 2.0 * x_s - 1.0)
+        return by_series if self.curve_rest is None else by_series + self.curve_rest.voltage(x_s / X_N_MAX)
 
     def series_resistance(self, by: Modifiers) -> Value:
         return 0.0

@@ -20,7 +20,10 @@ class LeftOpen:
 
     mean: Mapping[str, tuple[float, ...]]
     factor: tuple[tuple[float, ...], ...]  # rows of the lower triangle L of the covariance L L'
-    error_v: float | None = None  # [V] that this model is off by where no fit saw the recordings; None: not said
+    error_v: float | None = (
+        None  # [V] that this model is off by on pieces of recordings that no fit saw; None: not said
+    )
+    load_error_v: float | None = None  # [V] likewise on a whole recording of a varying load
 
     @property
     def sizes(self) -> dict[str, int]:

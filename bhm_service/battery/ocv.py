@@ -68,6 +68,27 @@ class MonotoneSpline:
         return np.interp(soc, self._grid, self._table)
 
 
+@dataclass(frozen=True, slots=True)
+class CurveRest:
+    """What a form of a curve leaves of it: straight between charges that rise, level beyond them.
+
+    ``soc`` and ``volts`` are as many. Raises ValueError if they are not, or the charges do not rise.
+    """
+
+    soc: tuple[float, ...]
+    volts: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if len(self.soc) != len(self.volts) or not self.soc:
+            raise ValueError("what is left of a curve needs as many voltages as states of charge, one at least")
+        if np.any(np.diff(self.soc) <= 0.0):
+            raise ValueError("what is left of a curve needs states of charge that rise")
+
+    def voltage(self, soc: Value) -> Value:
+        """To add to the form [V], at ``soc`` (any shape)."""
+        return np.interp(soc, self.soc, self.volts)
+
+
 def monotone_cubic(x: Array, y: Array, at: Array) -> Array:
     """Evaluate the Fritsch-Carlson cubic through (x, y) ``at`` given points, straight beyond the ends.
 

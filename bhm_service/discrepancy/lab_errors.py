@@ -50,7 +50,7 @@ def with_lab_errors(battery: BatteryFile, results: Sequence[ModelResult]) -> Bat
         runs = zip(problem.experiments, problem.misfits(result.solution.x), strict=True)
         lab = lab_of(battery, result.model, None, None)
         left = lab_errors(lab, [Followed(e, -over_v, soc) for e, (over_v, soc) in runs])
-        found[result.model] = replace(left, error_v=result.error_v)
+        found[result.model] = replace(left, error_v=result.error_v, load_error_v=result.load_error_v)
     return replace(battery, left_open=found)
 
 

@@ -48,16 +48,20 @@ def lab_of(battery: BatteryFile, model: ModelName, series: int | None, capacity_
             battery.name, f"left_open.{model} is of another version of bhm", "identify the pack again, or take it out"
         )
     own_error_v = None if left_open is None else left_open.error_v
+    # A flight is a varying load that no fit saw. Where no recording told how far that is off, it is the worse of both
+    # models on pieces of what it saw.
+    told_v = None if left_open is None else left_open.load_error_v
+    error_v = said.voltage_error_v if told_v is None else max(told_v, BEND_SD[0])
     layers = [e for e in battery.effects(model) if isinstance(e, DoubleLayer)]
     held_back = [(layer, _transfer_ohm(cell, 2.0 * layer.exchange_current)) for layer in layers]
     ohm = _ohm(cell) + sum(share for _, share in held_back)
     at_once = sum(share for layer, share in held_back if float(np.asarray(layer.time_constant)) <= AT_ONCE_S)
-    by_error = said.voltage_error_v / (ohm * HOVER_C * own / SECONDS_PER_HOUR) / np.sqrt(len(DROP_S))
+    by_error = error_v / (ohm * HOVER_C * own / SECONDS_PER_HOUR) / np.sqrt(len(DROP_S))
 
     def spread(kind: str, wide: float) -> float:
         return _LEAST_SD[kind] if identified else max(wide, _LEAST_SD[kind])
 
-    lag_sd = 0.0 if left_open is None else _APART * said.voltage_error_v / _CURVE_V / np.sqrt(len(DROP_S))
+    lag_sd = 0.0 if left_open is None else _APART * error_v / _CURVE_V / np.sqrt(len(DROP_S))
     return Lab(
         model=model,
         cell=cell,
@@ -65,14 +69,14 @@ def lab_of(battery: BatteryFile, model: ModelName, series: int | None, capacity_
         series=cells,
         parallel=parallel,
         ohm=ohm,
-        voltage_error_v=said.voltage_error_v,
+        voltage_error_v=error_v,
         own_error_v=said.voltage_error_v if own_error_v is None else own_error_v,
         identified=identified,
         ohmic_share=(float(np.asarray(cell.r_s if isinstance(cell, Circ) else cell.r_o)) + at_once) / ohm,
         resistance_sd=spread("resistance", said.resistance),
         polarisation_sd=spread("polarisation", said.polarisation) if left_open is None else _TOLD_POLARISATION_SD,
         capacity_sd=spread("capacity", said.capacity),
-        bend_sd_v=_bend_sd_v(said.voltage_error_v, identified, left_open is not None),
+        bend_sd_v=_bend_sd_v(error_v, identified, left_open is not None),
         drop_sd=float(np.clip(by_error, *DROP_SD)) if left_open is None else _APART * by_error,
         lag_sd=lag_sd,
         lag_at_sd=lag_sd if by_charge else 0.0,

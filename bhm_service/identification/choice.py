@@ -3,8 +3,9 @@
 An addition has to lower the error on unseen pieces by a twentieth, and both halves of the recordings must agree on its
 size. Where they do not, it has to lower that error by a quarter if it is over with a piece, and to foretell every
 recording under load better by the others if it may last for longer: what is known only loosely of its size stands in
-its standard deviations. What is over within seconds is judged by the error from one sample to the next alone. Charge
-that lags at the surface is held against its absence with all that joins beside either. That resistance follows
+its standard deviations. What is over within seconds is judged by the error from one sample to the next alone. What
+makes a model follow steps of the curve (charge that lags at the surface; what Chem's series leaves of the curve) is
+held against its absence with all that joins beside either. That resistance follows
 temperature, and by how much, is known of lithium-ion cells before: it joins unless it does harm, or is of another size:
 then something else goes with the temperature here.
 """
@@ -16,7 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bhm_service.identification.experiment import Experiment
+from bhm_service.identification.experiment import Experiment, Kind
 from bhm_service.identification.extras import Extras
 from bhm_service.identification.families import CircFamily, Family
 from bhm_service.identification.premises import Premises, problem_for
@@ -27,7 +28,7 @@ _MISSED = 2.0  # standard deviations of the recorded curve: a form that is furth
 _WARM_K = 5.0  # a temperature that moves less tells nothing of resistance
 
 _FAST, _FULL, _SLOW = "charge transfer within seconds", "resistance near full charge", "slow diffusion"
-_SURFACE = "charge that lags at the particles' surface"
+_FINER = {"circ": "charge that lags at the particles' surface", "chem": "what the series leaves of the curve"}
 _WARM, _HOUR, _CURVE = "resistance that follows temperature", "diffusion over an hour", "open-circuit curve"
 _CURVES = ("a spline", "the paper's cubic capacitance")
 
@@ -70,24 +71,26 @@ def choose(
                 del additions[what]
         return best, error, said
 
-    def with_surface(bare: Family, curve: str) -> tuple[Family, Unseen, dict[str, str]]:
-        if not isinstance(bare, CircFamily) or bare.extras.surface:
+    def with_finer(bare: Family, curve: str) -> tuple[Family, Unseen, dict[str, str]]:
+        finer, what = bare.finer(), _FINER[bare.name]
+        # Of a curve that is carried on from loads to none Chem's series leaves what the loads do as well.
+        recorded = isinstance(bare, CircFamily) or any(e.kind is Kind.SLOW for e in experiments)
+        if finer is None or not recorded:
             return with_additions(bare, curve)
-        lagging = bare.with_extras(replace(bare.extras, surface=True))
         alone = unseen(bare, f"pieces that the fit does not see{curve}")
-        by_it = unseen(lagging, _SURFACE + curve)
+        by_it = unseen(finer, what + curve)
         best, error, said = with_additions(bare, curve, alone)
         if by_it.typical >= alone.typical:
-            return best, error, {_SURFACE: _judged(_SURFACE, by_it, alone, joins=False)} | said
+            return best, error, {what: _judged(what, by_it, alone, joins=False)} | said
         # What joins where it is missing makes up for it, and what joins beside it is another thing: by itself it may
         # stand at its bounds for that.
-        other, by_it, beside = with_additions(lagging, f"{curve}, {_SURFACE}", by_it)
+        other, by_it, beside = with_additions(finer, f"{curve}, {what}", by_it)
         joins = by_it.possible and by_it.typical < BETTER * error.typical
-        told = {_SURFACE: _judged(_SURFACE, by_it, error, joins=joins)}
+        told = {what: _judged(what, by_it, error, joins=joins)}
         return (other, by_it, told | beside) if joins else (best, error, told | said)
 
     def foretells(bare: Family, candidate: Family) -> tuple[bool, str]:
-        by_one, by_two = (foretold(problem_for(f, experiments, premises)) for f in (bare, candidate))
+        by_one, by_two = (list(foretold(problem_for(f, experiments, premises)).values()) for f in (bare, candidate))
         if not by_one:
             return False, ""
         joins = all(two < BETTER * one for one, two in zip(by_one, by_two, strict=True))
@@ -120,8 +123,8 @@ def choose(
         return best, error.rms, list(said.values())
 
     if not (isinstance(family, CircFamily) and any_curve):
-        return with_warmth(*with_an_hour(*with_surface(family, "")))
-    best, error, told = with_surface(family, ", spline")
+        return with_warmth(*with_an_hour(*with_finer(family, "")))
+    best, error, told = with_finer(family, ", spline")
     off_v = family.cubic_off_v()
     if off_v > _MISSED * premises.curve_sd:
         # What bends the curve away from where it was measured, and does better for it, makes up for a slow drop.

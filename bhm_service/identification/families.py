@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar, Literal, Self
 
 import numpy as np
@@ -14,9 +15,9 @@ from bhm_service.battery.cell import CellModel
 from bhm_service.battery.chem import X_N_MAX, Chem, nernst
 from bhm_service.battery.circ import Circ
 from bhm_service.battery.effects import SurfaceLag
-from bhm_service.battery.ocv import CubicCapacitance, MonotoneSpline
+from bhm_service.battery.ocv import CubicCapacitance, CurveRest, MonotoneSpline
 from bhm_service.battery.redlich_kister import horner, polynomial
-from bhm_service.identification.curve import BENDS, LOW_SOC, BentCurve, spline_of, table_of
+from bhm_service.identification.curve import BENDS, KNOTS, LOW_SOC, BentCurve, spline_of, table_of
 from bhm_service.identification.extras import OHM_C, Extras
 from bhm_service.identification.unknowns import Block, Unknowns, numbers, positive
 from bhm_service.units import SECONDS_PER_HOUR, Array
@@ -56,6 +57,10 @@ class Family(ABC):
     def with_extras(self, extras: Extras) -> Self:
         """The same with other effects."""
         return replace(self, extras=extras)
+
+    @abstractmethod
+    def finer(self) -> Self | None:
+        """The same model in the form that follows curves with steps; None where it is that already."""
 
     @abstractmethod
     def blocks(self) -> list[Block]:
@@ -109,6 +114,9 @@ class CircFamily(Family):
     time_constants = ("c_sp", "slow_time", "slower_time", "surface_time")
     shaping = ("bends", "v_0", "cubic")
     ocv: Literal["spline", "cubic"] = "spline"
+
+    def finer(self) -> Self | None:
+        return None if self.extras.surface else replace(self, extras=replace(self.extras, surface=True))
 
     def blocks(self) -> list[Block]:
         ohm = self.ohm
@@ -186,11 +194,15 @@ class CircFamily(Family):
 
 @dataclass(frozen=True, kw_only=True)
 class ChemFamily(Family):
-    """Chem around a curve: its Redlich-Kister series bends with the fit."""
+    """Chem around a curve: its Redlich-Kister series bends with the fit, what that leaves of the curve does not."""
 
     name = "chem"
     time_constants = ("t_diffusion", "tau_p", "slow_time", "slower_time")
     shaping = ("u_0", "a_p")
+    with_rest: bool = False  # of the curve, that the series leaves
+
+    def finer(self) -> Self | None:
+        return None if self.with_rest else replace(self, with_rest=True)
 
     def blocks(self) -> list[Block]:
         ohm, rate = self.ohm, self.capacity_c / SECONDS_PER_HOUR
@@ -252,6 +264,16 @@ class ChemFamily(Family):
         solved = np.linalg.lstsq(np.vstack(rows), goal, rcond=None)[0]
         return float(np.clip(solved[0], 2.1, 4.9)), solved[1:]
 
+    @cached_property
+    def _rest(self) -> CurveRest | None:
+        if not self.with_rest:
+            return None
+        u_0, a = self._series()
+        x_s = X_N_MAX * KNOTS
+        by_series = u_0 + nernst(x_s) + np.asarray(horner(polynomial(tuple(_AMPLITUDE * a)), 1.0 - 2.0 * x_s))
+        left = np.asarray(self.curve.voltage(KNOTS)) - by_series
+        return CurveRest(tuple(KNOTS.tolist()), tuple(left.tolist()))
+
     def cell(self, values: Mapping[str, Array]) -> Chem:
         names = ("t_diffusion", "r_o", "tau_o", "i_p0", "i_n0", "tau_p", "tau_n", "u_0")
         series = _AMPLITUDE * values["a_p"]
@@ -260,6 +282,7 @@ class ChemFamily(Family):
             surface_fraction=SURFACE_FRACTION,
             a_p=tuple(series[:, k : k + 1] for k in range(series.shape[1])),
             a_n=(0.0,),
+            curve_rest=self._rest,
             **{name: values[name] for name in names},
         )
 
@@ -270,6 +293,7 @@ class ChemFamily(Family):
             surface_fraction=SURFACE_FRACTION,
             a_p=tuple(float(a) for a in _AMPLITUDE * values["a_p"][0]),
             a_n=(0.0,),
+            curve_rest=self._rest,
             **{name: float(values[name][0, 0]) for name in names},
         )
 

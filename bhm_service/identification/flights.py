@@ -127,6 +127,7 @@ def _one(
         not_told=tuple(not_told(spread_)),
         remarks=tuple(remarks),
         unseen_v=float("nan"),
+        flying_v=float("nan"),
     )
 
 

@@ -172,7 +172,9 @@ def fit_chem(runs: list[Experiment], circ: Circ, effect: ResistanceTemperature, 
     ]
 
     def build(values: Mapping[str, float]) -> Chem:
-        return Chem(q_max=q_max, u_0=u_0, a_p=a_p, a_n=(0.0,), surface_fraction=_SURFACE_FRACTION, **values)
+        return Chem(
+            q_max=q_max, u_0=u_0, a_p=a_p, a_n=(0.0,), surface_fraction=_SURFACE_FRACTION, curve_rest=None, **values
+        )
 
     def residual(values: Mapping[str, float]) -> Array:
         pack = PackModel(build(values), 1, 1.0, [effect])

@@ -26,6 +26,7 @@ from bhm_service.identification.premises import EXACT, Premises, premises_of, pr
 from bhm_service.identification.problem import Problem, problem_of
 from bhm_service.identification.solve import Method, Solution, solve
 from bhm_service.identification.spread import Spread, likeliest, not_told, spread
+from bhm_service.identification.unseen import foretold
 from bhm_service.units import Array
 
 Ocv = Literal["auto", "spline", "cubic"]
@@ -67,11 +68,21 @@ class ModelResult:
     not_told: tuple[str, ...]
     remarks: tuple[str, ...]
     unseen_v: float  # [V] error on pieces that a fit did not see; NaN where that was not asked
+    flying_v: float  # [V] error on a varying load that a fit saw nothing of; NaN where no recording tells
 
     @property
     def error_v(self) -> float | None:
-        """That error, no less than benches repeat to and no more than a file may claim; None: not asked. [V]"""
-        return float(np.clip(self.unseen_v, _BENCH_V, _VOLTAGE_ERROR[1])) if np.isfinite(self.unseen_v) else None
+        """Error on unseen pieces, no less than benches repeat to and no more than a file may claim; None: not asked."""
+        return _claimed(self.unseen_v)
+
+    @property
+    def load_error_v(self) -> float | None:
+        """Likewise that on a varying load of which nothing was seen; None where no recording tells. [V]"""
+        return _claimed(self.flying_v)
+
+
+def _claimed(volts: float) -> float | None:
+    return float(np.clip(volts, _BENCH_V, _VOLTAGE_ERROR[1])) if np.isfinite(volts) else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,10 +129,12 @@ def _one(
     coarse = tuple(e.thinned(_COARSE) for e in experiments)
     remarks: list[str] = []
     if request.method == "nelder-mead":
-        family, unseen = start, float("nan")
+        family, unseen, flying = start, float("nan"), float("nan")
         solution = _staged(problem_for(family, experiments, premises), request.method, progress)
     else:
         family, unseen, remarks = choose(start, coarse, premises, any_curve=request.ocv == "auto", progress=progress)
+        progress(f"{model}: recordings by the others")
+        flying = _flying_v(problem_for(family, coarse, premises))
         first = _staged(problem_for(family, coarse, premises), request.method, progress)
         problem = problem_for(family, experiments, premises)
         progress(f"{model}: from other starts")
@@ -162,6 +175,7 @@ def _one(
         not_told=tuple(not_told(spread_)),
         remarks=tuple(remarks),
         unseen_v=unseen,
+        flying_v=flying,
     )
 
 
@@ -170,6 +184,13 @@ def _named(problem: Problem, x: Array) -> Solution:
     found = solve(problem, starts=[x])
     named = problem.family.labelled(problem.unknowns, found.x)
     return found if named is found.x else solve(problem, starts=[named])
+
+
+def _flying_v(problem: Problem) -> float:
+    """Error on the varying loads, each foretold by the other recordings; on all loads where none varies. [V]"""
+    errors = foretold(problem)
+    varying = {k: v for k, v in errors.items() if problem.experiments[k].kind is Kind.VARIABLE} or errors
+    return float(np.sqrt(np.mean(np.square(list(varying.values()))))) if varying else float("nan")
 
 
 def _family(model: ModelName, request: Request, premises: Premises) -> Family:

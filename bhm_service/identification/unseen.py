@@ -94,16 +94,16 @@ def _typical(means: Array) -> float:
     return float(np.exp(0.5 * np.log(means).mean()))
 
 
-def foretold(problem: Problem) -> list[float]:
+def foretold(problem: Problem) -> dict[int, float]:
     """Error on each recording under load, foretold by a fit to all others [V]; nothing where there is only one."""
     loaded = [k for k, e in enumerate(problem.experiments) if e.kind is not Kind.SLOW]
-    errors = []
+    errors = {}
     for left_out in loaded if len(loaded) > 1 else ():
         seen = tuple(used & (k != left_out) for k, used in enumerate(problem.used))
         found = solve(replace(problem, used=seen), evaluations=_EVALUATIONS)
         misfit, soc = problem.misfits(found.x)[left_out]
         weight = problem.experiments[left_out].weights() * (problem.used[left_out] & (soc > _LEAST_SOC))
-        errors.append(float(np.sqrt(np.nansum(weight * misfit**2) / weight.sum())))
+        errors[left_out] = float(np.sqrt(np.nansum(weight * misfit**2) / weight.sum()))
     return errors
 
 

@@ -7,11 +7,13 @@ from battery.cells import CUBIC, chem, circ
 from bhm_service.battery.battery_file import BatteryFile, Joined, read_battery, write_battery
 from bhm_service.battery.effects import ResistanceTemperature, SlowDiffusion
 from bhm_service.battery.left_open import left_open
+from bhm_service.battery.ocv import CurveRest
 from bhm_service.errors import BadInputError
 
 COVARIANCE = np.array([[4e-6, 1e-6, 0.0], [1e-6, 9e-6, -2e-6], [0.0, -2e-6, 1e-4]])
 LEFT_OPEN = left_open({"bends": np.array([0.001, -0.002]), "curve": np.array([0.3])}, COVARIANCE)
-OWN = replace(LEFT_OPEN, error_v=0.0017)
+OWN = replace(LEFT_OPEN, error_v=0.0017, load_error_v=0.0042)
+REST = CurveRest((0.0, 0.9, 1.0), (0.001, -0.002, 0.013))
 R_S = 'value = 0.004, sd = 0.0002, unit = "ohm"'
 
 
@@ -24,7 +26,7 @@ def written(tmp_path):
             name="test pack",
             series=6,
             circ=circ(),
-            chem=chem(),
+            chem=chem(curve_rest=REST),
             joined=(
                 Joined(effect=ResistanceTemperature(activation_energy=21.5e3), sd={"activation_energy": 900.0}),
                 Joined(effect=SlowDiffusion(resistance=0.002, time_constant=400.0), model="circ"),
@@ -48,10 +50,12 @@ def test_what_is_written_is_read_back(written):
     assert back.left_open["circ"].mean == {"bends": (0.001, -0.002), "curve": (0.3,)}
     np.testing.assert_allclose(back.left_open["circ"].covariance, COVARIANCE, rtol=2e-3, atol=1e-9)
     assert back.left_open["circ"].error_v == pytest.approx(0.0017)
+    assert back.left_open["circ"].load_error_v == pytest.approx(0.0042)
     assert "chem" not in back.left_open
     soc = np.linspace(0, 1, 50)
     np.testing.assert_allclose(back.circ.open_circuit(soc), circ().open_circuit(soc), atol=1e-5)
-    np.testing.assert_allclose(back.chem.open_circuit(soc), chem().open_circuit(soc), atol=1e-5)
+    np.testing.assert_allclose(back.chem.open_circuit(soc), chem(curve_rest=REST).open_circuit(soc), atol=1e-5)
+    assert back.chem.curve_rest == REST
 
 
 def test_an_effect_of_one_model_joins_that_model_only(written):
@@ -73,6 +77,9 @@ def test_the_papers_cubic_curve_survives_the_file(tmp_path):
         ("r_s = ", "r_ss = ", ["unknown key 'circ.r_ss'", "did you mean 'r_s'", "'circ.r_s' is missing"]),
         (R_S, 'value = 40.0, unit = "ohm"', ["circ.r_s", "40", "1e-05 ... 1 ohm"]),
         (R_S, 'value = 4.0, unit = "mohm"', ["circ.r_s", "unit must be 'ohm'"]),
+        ("soc = [0.0, 0.9, 1.0]", "soc = [0.0, 1.0, 0.9]", ["chem.curve_rest", "states of charge that rise"]),
+        ("volts = [0.001, -0.002, 0.013]", "volts = [0.001, 0.013]", ["chem.curve_rest", "as many voltages"]),
+        ("volts = [0.001, -0.002, 0.013]", "volts = [0.001, 0.0, 1.3]", ["chem.curve_rest", "0.2"]),
         ('kind = "spline"', 'kind = "polynomial"', ["circ.ocv", "polynomial", "spline"]),
         ("4.2]", "3.1]", ["circ.ocv", "rise"]),
         ("curve = [0.3]", "curve = [0.3, 0.4]", ["left_open.circ", "factor must have 4 rows of 1 to 4 numbers"]),
@@ -114,6 +121,7 @@ def test_the_battery_that_ships_has_rising_curves(generic):
 
 
 def test_a_file_of_before_models_had_errors_of_their_own_is_read(written):
-    text = written.read_text()
-    written.write_text("".join(line for line in text.splitlines(keepends=True) if not line.startswith("error_v")))
-    assert read_battery(written).left_open["circ"].error_v is None
+    lines = written.read_text().splitlines(keepends=True)
+    written.write_text("".join(line for line in lines if not line.startswith(("error_v", "load_error_v"))))
+    back = read_battery(written).left_open["circ"]
+    assert (back.error_v, back.load_error_v) == (None, None)

@@ -4,6 +4,7 @@ from battery.cells import chem
 from scipy.integrate import solve_ivp
 
 from bhm_service.battery.cell import UNMODIFIED
+from bhm_service.battery.ocv import CurveRest
 from bhm_service.battery.pack import PackModel
 from bhm_service.battery.redlich_kister import horner, polynomial
 from bhm_service.units import FARADAY, GAS_CONSTANT
@@ -79,6 +80,23 @@ def test_two_charges_are_the_papers_four():
     charges = cell.charges(simulated.states)
     for row, name in enumerate(("q_sp", "q_bp", "q_bn", "q_sn")):
         np.testing.assert_allclose(charges[name], y[row], rtol=2e-6)
+
+
+def test_what_the_series_leaves_of_the_curve_is_read_at_the_surface():
+    t = np.arange(0.0, 2400.0)
+    current = np.where((t // 300) % 2 == 0, 15.0, 1.0)
+    rest = CurveRest((0.0, 0.5, 0.7, 1.0), (0.004, -0.01, 0.02, 0.0))
+    run, bare = (PackModel(chem(**own), 6).simulate(t, current, 0.95) for own in ({"curve_rest": rest}, {}))
+    soc, gradient = bare.states[:2]
+    surface = soc - (1.0 - chem().surface_fraction) / 0.6 * gradient
+    assert np.max(soc - surface) > 0.01
+    np.testing.assert_allclose(run.states, bare.states, rtol=1e-12)
+    added = 6 * np.interp(surface, rest.soc, rest.volts)
+    np.testing.assert_allclose(run.voltage - bare.voltage, added, atol=1e-12)
+    np.testing.assert_allclose(
+        chem(curve_rest=rest).open_circuit(soc) - chem().open_circuit(soc),
+        np.interp(soc, rest.soc, rest.volts), atol=1e-12,
+    )  # fmt: skip
 
 
 def test_lithium_is_conserved_whatever_the_current():

@@ -156,6 +156,16 @@ def test_how_well_a_model_follows_the_lab_is_its_own_and_how_flights_may_differ_
     assert replace(lab, own_error_v=0.0, left_open=told) == replace(silent, own_error_v=0.0, left_open=told)
 
 
+@pytest.mark.parametrize(("load_v", "counted_v"), [(0.03, 0.03), (0.008, 0.008), (0.001, 0.003), (None, 0.02)])
+def test_flights_may_differ_by_what_a_varying_load_that_no_fit_saw_is_off_by(load_v, counted_v):
+    """That of this model, whatever the other one is off by; where no recording told it, the worse of both on pieces."""
+    told = replace(told_its_form(base([]).lab).left_open, load_error_v=load_v)
+    known = replace(BATTERY, uncertainty=replace(BATTERY.uncertainty, voltage_error_v=0.02))
+    lab = lab_of(replace(known, left_open={"circ": told}), "circ", None, None)
+    assert lab.voltage_error_v == counted_v
+    assert lab.bend_sd_v == pytest.approx(max(0.3 * counted_v, 0.003))
+
+
 def test_what_a_double_layer_holds_back_for_a_second_goes_at_once_for_a_log_at_one_hertz():
     """Its pair and the series resistance share what another identification has in the series resistance alone."""
     layers = [Joined(effect=DoubleLayer(exchange_current=20.0, time_constant=s)) for s in (1.0, 20.0)]

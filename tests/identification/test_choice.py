@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from battery.cells import CAPACITY_C, CUBIC, CURVE, circ
+from battery.cells import CAPACITY_C, CUBIC, CURVE, chem, circ
 from identification.known import NOISE_V, one_c, slow, variable
 
+from bhm_service.battery.battery_file import read_battery
 from bhm_service.battery.effects import (
     DoubleLayer,
     FullChargeResistance,
@@ -16,13 +17,15 @@ from bhm_service.battery.effects import (
     SlowDiffusion,
     SurfaceLag,
 )
-from bhm_service.battery.ocv import MonotoneSpline
+from bhm_service.battery.ocv import CurveRest, MonotoneSpline
 from bhm_service.battery.pack import PackModel
+from bhm_service.config import shipped
 from bhm_service.identification.choice import choose
 from bhm_service.identification.experiment import Experiment, Kind
-from bhm_service.identification.families import CircFamily
+from bhm_service.identification.families import ChemFamily, CircFamily
+from bhm_service.identification.identify import Request, identify
 from bhm_service.identification.premises import premises_of, problem_for
-from bhm_service.identification.unseen import Unseen, unseen_error
+from bhm_service.identification.unseen import Unseen, foretold, unseen_error
 from bhm_service.units import REFERENCE_TEMPERATURE_K
 
 SLOW = SlowDiffusion(resistance=0.006, time_constant=400.0)
@@ -33,10 +36,10 @@ LAG = SurfaceLag(time_constant=80.0, share=0.8)
 COLD = ResistanceTemperature(activation_energy=20e3)
 
 
-def bench(*effects, kelvin=None, seed=1, **cell):
+def bench(*effects, kelvin=None, seed=1, cell=None, **numbers):
     """The three recordings of a cell; warming up from ``kelvin`` to the reference where that is given."""
     rng = np.random.default_rng(seed)
-    pack = PackModel(circ(**cell), 1, 1.0, effects)
+    pack = PackModel(circ(**numbers) if cell is None else cell, 1, 1.0, effects)
     if kelvin is None:
         return tuple(make(pack, rng).thinned(300) for make in (slow, one_c, variable))
     return tuple(_warming(pack, make(pack, rng), kelvin, rng).thinned(300) for make in (slow, one_c, variable))
@@ -53,9 +56,9 @@ def _warming(pack, run, kelvin, rng):
     )  # fmt: skip
 
 
-def chosen(experiments, *, any_curve=False):
+def chosen(experiments, *, kind=CircFamily, any_curve=False):
     premises = premises_of(experiments, CAPACITY_C / 3600.0)
-    family = CircFamily(capacity_c=premises.capacity_c, curve=premises.curve, curve_sd=premises.curve_sd)
+    family = kind(capacity_c=premises.capacity_c, curve=premises.curve, curve_sd=premises.curve_sd)
     return choose(family, experiments, premises, any_curve=any_curve, progress=lambda _: None)
 
 
@@ -111,6 +114,19 @@ def test_no_charge_lags_at_the_surface_of_a_cell_whose_curve_has_its_steps_under
     assert any("surface: left out" in said for said in remarks)
 
 
+@pytest.mark.parametrize(("step_v", "joins"), [(0.0, False), (0.02, True)])
+def test_what_chems_series_leaves_of_a_curve_joins_where_it_has_a_step_near_full(step_v, joins):
+    """As lithium cobalt oxide has: the series follows all of the curve of the cell that ships."""
+    curve = read_battery(shipped("batteries", "generic-lipo.toml")).cell("chem")
+    soc = np.linspace(0.0, 1.0, 201)
+    step = CurveRest(tuple(soc), tuple(step_v * np.tanh((soc - 0.92) / 0.012)))
+    cell = chem(u_0=curve.u_0, a_p=curve.a_p, a_n=curve.a_n, curve_rest=step)
+    family, error, remarks = chosen(bench(cell=cell), kind=ChemFamily)
+    assert family.with_rest is joins
+    assert error == pytest.approx(NOISE_V, rel=0.5)
+    assert any(f"leaves of the curve: {'joins' if joins else 'left out'}" in said for said in remarks)
+
+
 @pytest.mark.parametrize(("alone_mv", "beside_mv", "joins"), [(4.9, 4.2, True), (4.9, 4.3, False), (5.1, 1.0, False)])
 def test_the_lag_is_held_against_its_absence_with_what_joins_beside_either(monkeypatch, alone_mv, beside_mv, joins):
     """By itself it makes up for a drop that is missing and stands at its bounds; 4.5 mV is what the drop leaves."""
@@ -122,7 +138,7 @@ def test_the_lag_is_held_against_its_absence_with_what_joins_beside_either(monke
         return Unseen(typical, typical, 0.0005 if fast else 0.001, fast or not surface, True)
 
     monkeypatch.setattr("bhm_service.identification.choice.unseen_error", pieces)
-    monkeypatch.setattr("bhm_service.identification.choice.foretold", lambda _: [0.005, 0.005])
+    monkeypatch.setattr("bhm_service.identification.choice.foretold", lambda _: {1: 0.005, 2: 0.005})
     family, error, _ = chosen(bench())
     assert family.extras.fast
     assert family.extras.surface is joins
@@ -138,7 +154,7 @@ def test_what_is_over_with_a_piece_joins_loosely_told_where_it_lowers_the_error_
         return Unseen(0.005, 1e-3 * with_it_mv if full else 0.005, 0.001, True, not full)
 
     monkeypatch.setattr("bhm_service.identification.choice.unseen_error", pieces)
-    monkeypatch.setattr("bhm_service.identification.choice.foretold", lambda _: [0.005, 0.005])
+    monkeypatch.setattr("bhm_service.identification.choice.foretold", lambda _: {1: 0.005, 2: 0.005})
     family, _, remarks = chosen(bench())
     assert family.extras.full is joins
     assert any("near full charge" in said and "loosely told" in said for said in remarks)
@@ -155,7 +171,7 @@ def test_what_is_over_within_seconds_is_judged_from_sample_to_sample(monkeypatch
         return Unseen(typical, typical, 1e-3 * (quick_mv if fast else 1.0), True, agreed or not fast)
 
     monkeypatch.setattr("bhm_service.identification.choice.unseen_error", pieces)
-    monkeypatch.setattr("bhm_service.identification.choice.foretold", lambda _: [0.005, 0.005])
+    monkeypatch.setattr("bhm_service.identification.choice.foretold", lambda _: {1: 0.005, 2: 0.005})
     family, _, _ = chosen(bench())
     assert family.extras.fast is joins
 
@@ -186,7 +202,7 @@ def test_what_is_loosely_told_joins_where_it_foretells_every_recording(
 
     def foreseen(problem):
         both = (5.0, 5.0)[: len(foreseen_mv)]
-        return [1e-3 * mv for mv in (foreseen_mv if problem.family.extras.slow else both)]
+        return {k: 1e-3 * mv for k, mv in enumerate(foreseen_mv if problem.family.extras.slow else both, start=1)}
 
     monkeypatch.setattr("bhm_service.identification.choice.unseen_error", pieces)
     monkeypatch.setattr("bhm_service.identification.choice.foretold", foreseen)
@@ -228,7 +244,7 @@ def test_temperature_is_known_before_and_joins_unless_it_does_harm_or_is_another
         return Unseen(off, off, 0.001, not warm, not warm, known or not warm)
 
     monkeypatch.setattr("bhm_service.identification.choice.unseen_error", pieces)
-    monkeypatch.setattr("bhm_service.identification.choice.foretold", lambda _: [0.005, 0.005])
+    monkeypatch.setattr("bhm_service.identification.choice.foretold", lambda _: {1: 0.005, 2: 0.005})
     family, _, remarks = chosen(bench(kelvin=REFERENCE_TEMPERATURE_K - 20.0))
     assert family.extras.temperature is joins
     assert any(f"follows temperature: {'joins' if joins else 'left out'}" in said for said in remarks)
@@ -279,3 +295,25 @@ def test_error_on_unseen_pieces_is_the_noise_for_the_right_model():
     premises = premises_of(experiments, CAPACITY_C / 3600.0)
     family = CircFamily(capacity_c=premises.capacity_c, curve=premises.curve, curve_sd=premises.curve_sd)
     assert unseen_error(problem_for(family, experiments, premises)).rms == pytest.approx(NOISE_V, rel=0.3)
+
+
+def test_a_recording_is_foretold_by_the_others_to_the_noise_by_the_right_model_only():
+    slow_, one_c_, variable_ = bench(LAG, ocv=with_steps())
+    premises = premises_of((slow_, one_c_, variable_), CAPACITY_C / 3600.0)
+    family = CircFamily(capacity_c=premises.capacity_c, curve=premises.curve, curve_sd=premises.curve_sd)
+    lacking, right = (foretold(problem_for(f, (slow_, one_c_, variable_), premises)) for f in (family, family.finer()))
+    assert list(lacking) == list(right) == [1, 2]
+    assert max(right.values()) < 2.0 * NOISE_V < min(lacking.values())
+    assert foretold(problem_for(family, (slow_, variable_), premises)) == {}
+
+
+@pytest.mark.parametrize(
+    ("kind", "told_v"), [(Kind.VARIABLE, 0.004), (Kind.RATE, (0.5 * (0.009**2 + 0.004**2)) ** 0.5)]
+)
+def test_what_a_flight_may_be_off_by_is_of_the_load_that_varies(monkeypatch, kind, told_v):
+    """Of all loads where none does."""
+    monkeypatch.setattr("bhm_service.identification.identify.foretold", lambda _: {1: 0.009, 2: 0.004})
+    slow_, one_c_, variable_ = bench()
+    recordings = (slow_, one_c_, replace(variable_, kind=kind))
+    (result,) = identify(Request(experiments=recordings, series=1, models=("circ",))).results
+    assert result.load_error_v == pytest.approx(told_v)
