@@ -19,7 +19,7 @@ from bhm_service.battery.chem import Chem
 from bhm_service.battery.circ import Circ
 from bhm_service.battery.effects import KNOWN, Effect
 from bhm_service.battery.left_open import LeftOpen
-from bhm_service.battery.ocv import CubicCapacitance, CurveRest, MonotoneSpline, OpenCircuit
+from bhm_service.battery.ocv import MOST_REST_V, CubicCapacitance, CurveRest, MonotoneSpline, OpenCircuit
 from bhm_service.battery.parameters import Parameter, parameters_of
 from bhm_service.battery.uncertainty import Uncertainty
 from bhm_service.config import checked, read_toml
@@ -125,7 +125,7 @@ class _Spline(Strict):
 
 class _Rest(Strict):
     soc: tuple[float, ...]
-    volts: tuple[Annotated[float, Field(ge=-0.2, le=0.2)], ...]
+    volts: tuple[Annotated[float, Field(ge=-MOST_REST_V, le=MOST_REST_V)], ...]
 
     @model_validator(mode="after")
     def _is_a_rest(self) -> _Rest:

@@ -14,6 +14,7 @@ from bhm_service.units import Array, Value
 _TABLE_STEP = 1.0 / 2048.0
 _TABLE_LOW, _TABLE_HIGH = -0.125, 1.125
 _LEAST_SLOPE = 1e-3  # [V] per unit of charge, beyond the ends
+MOST_REST_V = 0.2  # [V] that a form of a curve may leave of it
 
 
 class OpenCircuit(Protocol):

@@ -5,9 +5,9 @@ size. Where they do not, it has to lower that error by a quarter if it is over w
 recording under load better by the others if it may last for longer: what is known only loosely of its size stands in
 its standard deviations. What is over within seconds is judged by the error from one sample to the next alone. What
 makes a model follow steps of the curve (charge that lags at the surface; what Chem's series leaves of the curve) is
-held against its absence with all that joins beside either. That resistance follows
-temperature, and by how much, is known of lithium-ion cells before: it joins unless it does harm, or is of another size:
-then something else goes with the temperature here.
+held against its absence with all that joins beside either. That resistance follows temperature, and by how much, is
+known of lithium-ion cells before: it joins unless it does harm, or is of another size: then something else goes with
+the temperature here.
 """
 
 from __future__ import annotations

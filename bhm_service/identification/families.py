@@ -15,7 +15,7 @@ from bhm_service.battery.cell import CellModel
 from bhm_service.battery.chem import X_N_MAX, Chem, nernst
 from bhm_service.battery.circ import Circ
 from bhm_service.battery.effects import SurfaceLag
-from bhm_service.battery.ocv import CubicCapacitance, CurveRest, MonotoneSpline
+from bhm_service.battery.ocv import MOST_REST_V, CubicCapacitance, CurveRest, MonotoneSpline
 from bhm_service.battery.redlich_kister import horner, polynomial
 from bhm_service.identification.curve import BENDS, KNOTS, LOW_SOC, BentCurve, spline_of, table_of
 from bhm_service.identification.extras import OHM_C, Extras
@@ -271,7 +271,7 @@ class ChemFamily(Family):
         u_0, a = self._series()
         x_s = X_N_MAX * KNOTS
         by_series = u_0 + nernst(x_s) + np.asarray(horner(polynomial(tuple(_AMPLITUDE * a)), 1.0 - 2.0 * x_s))
-        left = np.asarray(self.curve.voltage(KNOTS)) - by_series
+        left = np.clip(np.asarray(self.curve.voltage(KNOTS)) - by_series, -MOST_REST_V, MOST_REST_V)
         return CurveRest(tuple(KNOTS.tolist()), tuple(left.tolist()))
 
     def cell(self, values: Mapping[str, Array]) -> Chem:

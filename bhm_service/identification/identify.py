@@ -35,6 +35,7 @@ _COARSE = 500  # samples of a recording where forms are compared
 _STRAINED = 5.0  # times what was known of the charge that a recording begins with
 _STAGES = {"one-C": (Kind.ONE_C, Kind.RATE), "variable": (Kind.VARIABLE, Kind.PULSES)}
 _DOUBTS = 2  # rounds in which far samples come to count less
+_IN_BOTH_FORMS = {"circ": 12, "chem": 7}  # steps more, for what joins beside that which follows steps of a curve
 _VOLTAGE_ERROR = (0.003, 0.1)  # [V] what a battery file may claim
 _BENCH_V = 0.001  # [V] of a cell: closer than that no two recordings of one are
 
@@ -114,8 +115,8 @@ def identify(request: Request, progress: Progress = lambda _: None) -> Identifie
 
 def steps(request: Request) -> int:
     """How often `identify` will report progress, at most."""
-    per_model = 17 if request.method == "trf" else 5
-    return 1 + len(request.models) * (per_model + bool(request.held_out)) + 12 * ("circ" in request.models)
+    per_model = 18 if request.method == "trf" else 5
+    return 1 + sum(per_model + bool(request.held_out) + _IN_BOTH_FORMS[model] for model in request.models)
 
 
 def _one(
