@@ -188,10 +188,9 @@ def _named(problem: Problem, x: Array) -> Solution:
 
 
 def _flying_v(problem: Problem) -> float:
-    """Error on the varying loads, each foretold by the other recordings; on all loads where none varies. [V]"""
-    errors = foretold(problem)
-    varying = {k: v for k, v in errors.items() if problem.experiments[k].kind is Kind.VARIABLE} or errors
-    return float(np.sqrt(np.mean(np.square(list(varying.values()))))) if varying else float("nan")
+    """Error on the varying loads, each foretold by the other recordings; NaN where none is or none can be. [V]"""
+    varying = [v for k, v in foretold(problem).items() if problem.experiments[k].kind is Kind.VARIABLE]
+    return float(np.sqrt(np.mean(np.square(varying)))) if varying else float("nan")
 
 
 def _family(model: ModelName, request: Request, premises: Premises) -> Family:
