@@ -58,9 +58,9 @@ class Family(ABC):
         """The same with other effects."""
         return replace(self, extras=extras)
 
-    @abstractmethod
     def finer(self) -> Self | None:
-        """The same model in the form that follows curves with steps; None where it is that already."""
+        """The same model in a form that follows curves with steps; None where it has no other."""
+        return None
 
     @abstractmethod
     def blocks(self) -> list[Block]:
