@@ -53,6 +53,8 @@ def _headline(result: ModelResult) -> str:
         said.append(f"at most {_millivolt(worst.whole.rmse)} mV on what was held out{best}")
     if np.isfinite(result.unseen_v):
         said.append(f"{_millivolt(result.unseen_v)} mV on pieces that no fit saw")
+    if np.isfinite(result.flying_v):
+        said.append(f"{_millivolt(result.flying_v)} mV on a varying load that the other recordings foretell")
     return f"{result.model}: {'; '.join(said)}"
 
 

@@ -82,6 +82,12 @@ def test_errors_shown_are_those_of_the_voltages_drawn(done):
     assert "a fit to it alone reaches" in headline(done)[0]
 
 
+@pytest.mark.parametrize(("volts", "said"), [(0.0123, True), (float("nan"), False)])
+def test_what_a_varying_load_is_foretold_to_is_said_where_one_was_recorded(done, volts, said):
+    (sentence,) = headline(replace(done, results=(replace(done.results[0], flying_v=volts),)))
+    assert ("12.3 mV on a varying load that the other recordings foretell" in sentence) is said
+
+
 def test_every_parameter_of_the_cell_has_its_spread_or_says_why_not(done):
     rows = {row.cells[0]: row for row in parameters(done.results[0])}
     assert list(rows) == ["C_max", "R_s", "R_sp0", "R_sp1", "R_sp2", "C_sp"]
