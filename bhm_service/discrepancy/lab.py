@@ -85,8 +85,8 @@ class Lab:
     capacity_sd: float
     bend_sd_v: float
     ohmic_share: float  # of ``ohm``: what follows the current within two seconds
-    voltage_error_v: float  # lasting error of the cell's voltage, by the worse of both models
-    own_error_v: float  # likewise of this model
+    voltage_error_v: float  # lasting error of the cell's voltage in flight, as far as the lab told (`lab_file`)
+    own_error_v: float  # that of this model on pieces of the lab's recordings that no fit saw
     identified: bool  # this very pack, on a bench; not a cell like its own, nor from flights that left its scales open
     drop_sd: float  # of ``ohm``: how far the drop may be off at any charge and any time after a step
     lag_sd: float  # of charge at the hover: how far it may lag at any time after a step; zero: a part of the drop
