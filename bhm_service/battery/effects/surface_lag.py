@@ -34,13 +34,15 @@ class SurfaceLag(Effect):
 
     id: ClassVar[str] = "surface-lag"
     title: ClassVar[str] = "Charge that lags at the particles' surface"
-    equation: ClassVar[str] = "V = U(SoC - z), z w of surface less mean of diffusion in a sphere, R^2 / D = 20.2 tau"
+    equation: ClassVar[str] = (
+        "V = U(SoC - z), z a_z of surface less mean of diffusion in a sphere, R^2 / D = 20.2 tau_z"
+    )
     source: ClassVar[str] = "Crank 1975, eq. 6.45; single particle model"
     excited_by: ClassVar[str] = "loads of an hour's discharge or more over steps of the open-circuit curve"
     state_names: ClassVar[tuple[str, ...]] = ("surface_first", "surface_second", "surface_others")
 
-    time_constant: Value = parameter("tau", "s", 1.0, 1e4, "of the slowest mode of diffusion")
-    share: Value = parameter("w", "1", 0.0, 10.0, "of what one particle lags by that the cell's curve shows")
+    time_constant: Value = parameter("tau_z", "s", 1.0, 1e4, "of the slowest mode of diffusion")
+    share: Value = parameter("a_z", "1", 0.0, 10.0, "of what one particle lags by that the cell's curve shows")
 
     def start(self) -> tuple[Value, ...]:
         return (0.0, 0.0, 0.0)
