@@ -9,8 +9,9 @@ create lithium. `charges` gives the paper's four back.
 The model stays at the temperature it was identified at: in the paper's equations temperature stands only in RT/F,
 which makes overpotentials rise when it is warm. What temperature really does is the business of the effects.
 
-No Redlich-Kister series of any order follows a step of the curve, as lithium cobalt oxide has near full (10 mV off):
-what the series leaves of a recorded curve may be added to it (`curve_rest`), read at the surface as all of it is.
+A Redlich-Kister series whose coefficients stay small, be they 13 or 60, follows no step of the curve, as lithium cobalt
+oxide has near full (10 mV off): what it leaves of a recorded curve may be added to it (`curve_rest`), read at the
+surface as all of it is.
 """
 
 from __future__ import annotations

@@ -20,9 +20,7 @@ class LeftOpen:
 
     mean: Mapping[str, tuple[float, ...]]
     factor: tuple[tuple[float, ...], ...]  # rows of the lower triangle L of the covariance L L'
-    error_v: float | None = (
-        None  # [V] that this model is off by on pieces of recordings that no fit saw; None: not said
-    )
+    error_v: float | None = None  # [V] that this model is off by on pieces that no fit saw; None: not said
     load_error_v: float | None = None  # [V] likewise on a whole recording of a varying load
 
     @property

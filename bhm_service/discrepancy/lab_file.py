@@ -48,8 +48,8 @@ def lab_of(battery: BatteryFile, model: ModelName, series: int | None, capacity_
             battery.name, f"left_open.{model} is of another version of bhm", "identify the pack again, or take it out"
         )
     own_error_v = None if left_open is None else left_open.error_v
-    # A flight is a varying load that no fit saw. Where no recording told how far that is off, it is the worse of both
-    # models on pieces of what it saw.
+    # A flight is a varying load that no fit saw, and no nearer than a curve is known at best. Where no recording told
+    # how far that is off, it is the worse of both models on pieces of what was recorded.
     told_v = None if left_open is None else left_open.load_error_v
     error_v = said.voltage_error_v if told_v is None else max(told_v, BEND_SD[0])
     layers = [e for e in battery.effects(model) if isinstance(e, DoubleLayer)]

@@ -18,9 +18,9 @@ from bhm_service.identification.problem import STEP
     ("make", "form", "surface"),
     [
         (CircFamily, {}, False), (CircFamily, {}, True), (CircFamily, {"ocv": "cubic"}, False),
-        (CircFamily, {"ocv": "cubic"}, True), (ChemFamily, {}, False),
+        (CircFamily, {"ocv": "cubic"}, True), (ChemFamily, {}, False), (ChemFamily, {"with_rest": True}, False),
     ],
-    ids=["spline", "spline that lags", "cubic", "cubic that lags", "chem"],
+    ids=["spline", "spline that lags", "cubic", "cubic that lags", "chem", "chem with what its series leaves"],
 )  # fmt: skip
 def test_derivatives_are_differences_of_the_residuals(make, form, surface):
     rng = np.random.default_rng(1)
