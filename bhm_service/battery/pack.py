@@ -194,8 +194,9 @@ class PackModel:
         instant = cell_current * self.cell.series_resistance(by)
         drop = self.cell.polarisation(cell, by) + instant
         losses = self.series * self._abreast(by) * cell_current * drop
-        if self._heating:
+        if self._heating or self._lagging:
             now = self._instant(states, cell_current, known, by)
+            losses = losses - now.current * self._by_lag(now)
             for effect, where in self._heating:
                 losses = losses + effect.heat(states[where], now)
         return losses
@@ -208,6 +209,13 @@ class PackModel:
         for effect, where in self._lagging:
             lag = lag + effect.curve_lag(states[where])
         return Instant(drawn, cell_current, states[0], known, self.series, abreast, self.cell, by, lag)
+
+    def _by_lag(self, now: Instant) -> Value:
+        """What is added to the pack's voltage as its curve is read at the surface's charge. [V]"""
+        if not self._lagging:
+            return 0.0
+        added: Value = self.series * (self.cell.open_circuit(now.soc - now.curve_lag) - self.cell.open_circuit(now.soc))
+        return added
 
     def _abreast(self, by: Modifiers) -> Value:
         """Cells side by side; what has lost area counts as fewer, each of them whole."""
@@ -258,8 +266,9 @@ class PackModel:
         emf = self.series * self.cell.emf(cell, by)
         abreast = self._abreast(by)
         resistance = self.series * self.cell.series_resistance(by) / abreast
-        if self._adding or self._resisting:
+        if self._adding or self._resisting or self._lagging:
             now = self._instant(states, current / abreast, known, by)
+            emf = emf + self._by_lag(now)
             for effect, where in self._adding:
                 emf = emf + effect.extra_voltage(states[where], now)
             for effect, where in self._resisting:

@@ -72,10 +72,8 @@ def choose(
         return best, error, said
 
     def with_finer(bare: Family, curve: str) -> tuple[Family, Unseen, dict[str, str]]:
-        finer, what = bare.finer(), _FINER[bare.name]
-        # Of a curve that is carried on from loads to none Chem's series leaves what the loads do as well.
-        recorded = isinstance(bare, CircFamily) or any(e.kind is Kind.SLOW for e in experiments)
-        if finer is None or not recorded:
+        finer, what = bare.finer(recorded=any(e.kind is Kind.SLOW for e in experiments)), _FINER[bare.name]
+        if finer is None:
             return with_additions(bare, curve)
         alone = unseen(bare, f"pieces that the fit does not see{curve}")
         by_it = unseen(finer, what + curve)

@@ -58,8 +58,11 @@ class Family(ABC):
         """The same with other effects."""
         return replace(self, extras=extras)
 
-    def finer(self) -> Self | None:
-        """The same model in a form that follows curves with steps; None where it has no other."""
+    def finer(self, *, recorded: bool) -> Self | None:
+        """The same model in a form that follows curves with steps; None where it has no other.
+
+        ``recorded``: whether the curve is a slow discharge's, or carried on from loads to none.
+        """
         return None
 
     @abstractmethod
@@ -115,7 +118,7 @@ class CircFamily(Family):
     shaping = ("bends", "v_0", "cubic")
     ocv: Literal["spline", "cubic"] = "spline"
 
-    def finer(self) -> Self | None:
+    def finer(self, *, recorded: bool) -> Self | None:
         return None if self.extras.surface else replace(self, extras=replace(self.extras, surface=True))
 
     def blocks(self) -> list[Block]:
@@ -201,8 +204,9 @@ class ChemFamily(Family):
     shaping = ("u_0", "a_p")
     with_rest: bool = False  # of the curve, that the series leaves
 
-    def finer(self) -> Self | None:
-        return None if self.with_rest else replace(self, with_rest=True)
+    def finer(self, *, recorded: bool) -> Self | None:
+        # Of a curve that is carried on from loads the series leaves what the loads do as well.
+        return replace(self, with_rest=True) if recorded and not self.with_rest else None
 
     def blocks(self) -> list[Block]:
         ohm, rate = self.ohm, self.capacity_c / SECONDS_PER_HOUR

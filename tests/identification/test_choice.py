@@ -301,7 +301,8 @@ def test_a_recording_is_foretold_by_the_others_to_the_noise_by_the_right_model_o
     slow_, one_c_, variable_ = bench(LAG, ocv=with_steps())
     premises = premises_of((slow_, one_c_, variable_), CAPACITY_C / 3600.0)
     family = CircFamily(capacity_c=premises.capacity_c, curve=premises.curve, curve_sd=premises.curve_sd)
-    lacking, right = (foretold(problem_for(f, (slow_, one_c_, variable_), premises)) for f in (family, family.finer()))
+    both = (family, family.finer(recorded=True))
+    lacking, right = (foretold(problem_for(f, (slow_, one_c_, variable_), premises)) for f in both)
     assert list(lacking) == list(right) == [1, 2]
     assert max(right.values()) < 2.0 * NOISE_V < min(lacking.values())
     assert foretold(problem_for(family, (slow_, variable_), premises)) == {}

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from bhm_service.battery.dynamics import Solver
-from bhm_service.battery.effects.base import Effect, Instant, Interval, Spread
+from bhm_service.battery.effects.base import Effect, Interval, Spread
 from bhm_service.battery.parameters import parameter
 from bhm_service.units import Value
 
@@ -57,13 +57,5 @@ class SurfaceLag(Effect):
         modes = zip(start, _SHARES, _TIMES, strict=True)
         return tuple(solver.lag(own, part * begin, part * end, times * tau) for own, part, times in modes)
 
-    def heat(self, state: tuple[Value, ...], now: Instant) -> Value:
-        return -now.current * self.extra_voltage(state, now)
-
     def curve_lag(self, state: tuple[Value, ...]) -> Value:
         return state[0] + state[1] + state[2]
-
-    def extra_voltage(self, state: tuple[Value, ...], now: Instant) -> Value:
-        seen = now.soc - self.curve_lag(state)
-        added: Value = now.series * (now.cell.open_circuit(seen) - now.cell.open_circuit(now.soc))
-        return added
