@@ -7,6 +7,7 @@ import numpy as np
 from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.joint import Joint
+from bhm_service.identification.unseen import KNOWN
 from bhm_service.units import Array
 
 _REACH = 0.995  # of the way to a bound
@@ -26,5 +27,17 @@ def physical(fitted: Fitted[Joint], member: Candidate) -> bool:
         where = unknowns.slice_of(u.name)
         assert u.declared.absent is not None
         if not inside(fitted.x[where], unknowns.low[where], unknowns.high[where], u.declared.absent):
+            return False
+    return True
+
+
+def as_known(fitted: Fitted[Joint], member: Candidate) -> bool:
+    """Whether all numbers of a member that make it vanish are of about the size that was known of them before."""
+    values = fitted.joint.values(fitted.x[None, :])
+    for u in member.amplitudes():
+        if u.declared.prior is None:
+            continue
+        mean, sd = u.declared.prior
+        if np.any(np.abs(values[u.name][0] - mean) > KNOWN * sd):
             return False
     return True

@@ -20,6 +20,7 @@ from bhm_service.discrepancy.marginal import likelier, likeliest
 from bhm_service.discrepancy.noise import Noise
 from bhm_service.discrepancy.odds import BRIEF, LAWS, LEAST_SNR, NATS, NEAR, STRONG, Names, needed
 from bhm_service.discrepancy.onset import begun, later
+from bhm_service.discrepancy.physical import as_known
 from bhm_service.discrepancy.starts import bends_the_lab, carried, colder, hides, seeks, starts_of, vanished
 from bhm_service.discrepancy.steps import contact_candidate, episodes
 from bhm_service.discrepancy.valleys import across, by_equation, fit_over_valleys, less_charged
@@ -161,7 +162,8 @@ class Search:
         """
         if self.bent and names == {OcvShape.id}:
             return NATS
-        return STRONG if name in self.laws else needed(name, self.base.lab.form_told, alone=names == {name})
+        lawful = name in (self.lawful(names) if names else self.laws)
+        return STRONG if lawful else needed(name, self.base.lab.form_told, alone=names == {name})
 
     def credit(self, names: Names) -> float:
         """Of a set's evidence, what it has from what is measured beside the pack's voltage. [nats]"""
@@ -177,12 +179,17 @@ class Search:
 
     @property
     def laws(self) -> Names:
-        """The laws among the candidates that show at their known size in flights that tell what drives them.
+        """The laws among the candidates that would show at their known size in flights that tell what drives them.
 
         What would not show at the size that no cell is without, and does show, is not known beforehand.
         """
         laws = (c.id for c in self.candidates if c.id in LAWS and not c.inferred)
         return frozenset(name for name in laws if self.snr.get(name, LEAST_SNR) >= LEAST_SNR)
+
+    def lawful(self, names: Names) -> Names:
+        """The laws of a set that its fit has by about their known size: by another one something else goes with it."""
+        laws = names & self.laws
+        return frozenset(c.id for c in self.joint(names).members if c.id in laws and as_known(self.fitted(names), c))
 
     @property
     def inflation(self) -> float:

@@ -257,7 +257,7 @@ def _clear_laws(found: Search, names: Names) -> Names:
     is known, and by about how much.
     """
     earned = found.earned(names)
-    return frozenset(name for name in names & found.laws if earned[name] >= NATS)
+    return frozenset(name for name in found.lawful(names) if earned[name] >= NATS)
 
 
 def _opposed(found: Search, names: Names) -> list[str]:
@@ -289,7 +289,7 @@ def _claim(found: Search, names: Names) -> float:
 
     Where the lab told its model's form, what is left for chance is noise: no more than a member has to earn.
     """
-    if found.base.lab.form_told and names <= found.laws:
+    if found.base.lab.form_told and names <= found.lawful(names):
         return STRONG
     if found.base.lab.form_told and not names & COMPANIONS:
         return min(max(found.needed(name, names) for name in names), _CLAIM_NATS)

@@ -22,7 +22,7 @@ _PIECES = 10
 _EVALUATIONS = 25  # of a fit
 _EDGE = 0.02  # of a bound's range (in the fit's own numbers): nearer than this is at the bound
 _AGREEING = 0.5  # of what was not known before
-_KNOWN = 3.0  # standard deviations of it: what is further off is another thing than what was known
+KNOWN = 3.0  # standard deviations of it: what is further off is another thing than what was known
 _LEAST_V = 1e-6  # [V] that anything is off by
 _LEAST_SOC = 0.05  # below, cells are not alike
 
@@ -65,7 +65,7 @@ def unseen_error(problem: Problem) -> Unseen:
     sizes = [(block, np.stack([x[problem.unknowns.slice_of(block.name)] for x in found_x])) for block in additions]
     possible = all(_possible(block, both) for block, both in sizes)
     agreed = all(bool(np.all(np.abs(both[0] - both[1]) < _AGREEING * block.sd)) for block, both in sizes)
-    known = all(bool(np.all(np.abs(both.mean(axis=0) - block.prior) < _KNOWN * block.sd)) for block, both in sizes)
+    known = all(bool(np.all(np.abs(both.mean(axis=0) - block.prior) < KNOWN * block.sd)) for block, both in sizes)
     means, moves = (np.array([np.mean(own) for own in every if own]) for every in (squares, changes))
     return Unseen(
         float(np.sqrt(means.mean())), _typical(means), _typical(np.maximum(moves, _LEAST_V**2)), possible, agreed,

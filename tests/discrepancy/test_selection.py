@@ -228,11 +228,19 @@ def test_where_the_lab_told_its_form_equations_claim_what_a_member_has_to_earn(t
     assert select(found).names == chosen
 
 
-@pytest.mark.parametrize(("nats", "recorded", "chosen"), [(5.0, True, True), (2.0, True, False), (5.0, False, False)])
-def test_a_law_of_known_size_has_to_be_seen_only_where_what_drives_it_was_recorded(nats, recorded, chosen):
-    """That resistance follows temperature needs no long odds; a temperature that nobody recorded does."""
+@pytest.mark.parametrize(("nats", "joules", "recorded", "chosen"), [
+    (5.0, 22e3, True, True), (2.0, 22e3, True, False), (5.0, 22e3, False, False), (5.0, 1.5e3, True, False),
+    (13.0, 1.5e3, True, True),
+])  # fmt: skip
+def test_a_law_has_to_be_seen_only_where_what_drives_it_was_recorded_and_it_is_of_known_size(
+    nats, joules, recorded, chosen
+):
+    """That resistance follows temperature needs no long odds; a temperature that nobody recorded does.
+
+    So does what follows temperature by a tenth of what any cell does: that is another thing.
+    """
     warmth = frozenset({"resistance-temperature"})
-    physics = [EFFECTS["resistance-temperature"](activation_energy=22e3)]
+    physics = [EFFECTS["resistance-temperature"](activation_energy=joules)]
     flights = [flown(physics, seed=5, number=k, kelvin=t) for k, t in enumerate(AMBIENT_K)]
     flights = [f if recorded else replace(f, temperature_k=None) for f in flights]
     found = searching(tuple(flights), warmth)
