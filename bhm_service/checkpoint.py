@@ -21,6 +21,7 @@ from bhm_service.units import SECONDS_PER_HOUR
 
 FORMAT = 1
 _SYNC_EVERY_S = 30.0
+_ROUNDS = 3  # of bringing a file to the card that is replaced while the card takes its time
 _LONGEST_BYTES = 1_000_000
 _SAME_BOOT_S = 3.0  # two readings of the moment of boot differ by the link's delay and two quartzes' drift
 _SAME_UNIX_BOOT_S = 10.0
@@ -153,17 +154,21 @@ class CheckpointFile:
 
 
 def _fsync(path: Path) -> None:
-    for place in (path, path.parent):
+    """Bring a file that is replaced now and then to the card, and its name."""
+    for _ in range(_ROUNDS):
         try:
-            descriptor = os.open(place, os.O_RDONLY)
+            with path.open("rb") as stream:
+                os.fsync(stream.fileno())
+                folder = os.open(path.parent, os.O_RDONLY)
+                try:
+                    os.fsync(folder)
+                finally:
+                    os.close(folder)
+                # Replaced meanwhile: the card has the name of a file that it may not have yet.
+                if os.path.samestat(os.fstat(stream.fileno()), path.stat()):
+                    return
         except OSError:
             return
-        try:
-            os.fsync(descriptor)
-        except OSError:
-            return
-        finally:
-            os.close(descriptor)
 
 
 def host_boot() -> str:

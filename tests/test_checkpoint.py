@@ -48,10 +48,28 @@ def test_ten_minutes_of_seconds_reach_the_card_twenty_times_and_every_landing_do
         file.close()
     assert synced.count("checkpoint") == 20
     file.write(kept(600.5), landed=True)
+    file.close()
     file.write(kept(601.5))
     file.close()
     assert synced.count("checkpoint") == 21
     assert synced.count(tmp_path.name) == 21  # the name is in the folder
+
+
+def test_what_replaces_a_file_on_its_way_to_the_card_is_brought_there_too(tmp_path, monkeypatch):
+    """The card has the new name by then: without the data it would be a damaged file after a loss of power."""
+    file, real, on_card = CheckpointFile(tmp_path / "checkpoint"), os.fsync, []
+
+    def slow(descriptor):
+        real(descriptor)
+        on_card.append(os.fstat(descriptor).st_ino)
+        if len(on_card) == 1:
+            file.write(kept(101.0))
+
+    monkeypatch.setattr(os, "fsync", slow)
+    file.write(kept(100.0))
+    file.close()
+    assert file.read() == kept(101.0)
+    assert on_card[2:] == [file.path.stat().st_ino, tmp_path.stat().st_ino]
 
 
 def test_a_boot_of_this_computer_has_a_name():
