@@ -164,7 +164,8 @@ def _fsync(path: Path) -> None:
                     os.fsync(folder)
                 finally:
                     os.close(folder)
-                # Replaced meanwhile: the card has the name of a file that it may not have yet.
+                # Replaced meanwhile: the card has the name of a file that it may not have yet. (While this one is open
+                # no other is given its number.)
                 if os.path.samestat(os.fstat(stream.fileno()), path.stat()):
                     return
         except OSError:

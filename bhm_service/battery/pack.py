@@ -196,7 +196,8 @@ class PackModel:
         losses = self.series * self._abreast(by) * cell_current * drop
         if self._heating or self._lagging:
             now = self._instant(states, cell_current, known, by)
-            losses = losses - now.current * self._by_lag(now)
+            if self._lagging:
+                losses = losses - now.current * self._by_lag(now)
             for effect, where in self._heating:
                 losses = losses + effect.heat(states[where], now)
         return losses
@@ -212,8 +213,6 @@ class PackModel:
 
     def _by_lag(self, now: Instant) -> Value:
         """What is added to the pack's voltage as its curve is read at the surface's charge. [V]"""
-        if not self._lagging:
-            return 0.0
         added: Value = self.series * (self.cell.open_circuit(now.soc - now.curve_lag) - self.cell.open_circuit(now.soc))
         return added
 
@@ -268,7 +267,8 @@ class PackModel:
         resistance = self.series * self.cell.series_resistance(by) / abreast
         if self._adding or self._resisting or self._lagging:
             now = self._instant(states, current / abreast, known, by)
-            emf = emf + self._by_lag(now)
+            if self._lagging:
+                emf = emf + self._by_lag(now)
             for effect, where in self._adding:
                 emf = emf + effect.extra_voltage(states[where], now)
             for effect, where in self._resisting:

@@ -33,11 +33,6 @@ def physical(fitted: Fitted[Joint], member: Candidate) -> bool:
 
 def as_known(fitted: Fitted[Joint], member: Candidate) -> bool:
     """Whether all numbers of a member that make it vanish are of about the size that was known of them before."""
-    values = fitted.joint.values(fitted.x[None, :])
-    for u in member.amplitudes():
-        if u.declared.prior is None:
-            continue
-        mean, sd = u.declared.prior
-        if np.any(np.abs(values[u.name][0] - mean) > KNOWN * sd):
-            return False
-    return True
+    unknowns = fitted.joint.unknowns
+    told = [(fitted.x[unknowns.slice_of(u.name)], u.declared.prior) for u in member.amplitudes()]
+    return not any(np.any(np.abs(x - prior[0]) > KNOWN * prior[1]) for x, prior in told if prior is not None)

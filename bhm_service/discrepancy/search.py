@@ -162,8 +162,8 @@ class Search:
         """
         if self.bent and names == {OcvShape.id}:
             return NATS
-        lawful = name in (self.lawful(names) if names else self.laws)
-        return STRONG if lawful else needed(name, self.base.lab.form_told, alone=names == {name})
+        law = name in self.laws and (not names or name in self.lawful(names))
+        return STRONG if law else needed(name, self.base.lab.form_told, alone=names == {name})
 
     def credit(self, names: Names) -> float:
         """Of a set's evidence, what it has from what is measured beside the pack's voltage. [nats]"""
