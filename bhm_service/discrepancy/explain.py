@@ -12,6 +12,7 @@ from bhm_service.battery.effects import EFFECTS
 from bhm_service.config import Vehicle
 from bhm_service.discrepancy import verdict
 from bhm_service.discrepancy.advice import advice
+from bhm_service.discrepancy.as_flown import as_flown
 from bhm_service.discrepancy.candidate import Candidate, NotExcited, candidates, known_drivers
 from bhm_service.discrepancy.cells import with_cells
 from bhm_service.discrepancy.confirm import Unseen, held_out
@@ -29,7 +30,7 @@ from bhm_service.discrepancy.lab_file import lab_of
 from bhm_service.discrepancy.locate import regime_maps, variables
 from bhm_service.discrepancy.odds import LEAST_SNR, Names
 from bhm_service.discrepancy.quantities import measured, teller
-from bhm_service.discrepancy.repair import flying, patched, repaired, retuned
+from bhm_service.discrepancy.repair import flying, patched, repaired
 from bhm_service.discrepancy.search import Progress, Search, search
 from bhm_service.discrepancy.selection import Selection, taken
 from bhm_service.discrepancy.significance import familywise
@@ -173,7 +174,7 @@ def _battery(
     if findings.effects:
         return repaired(battery, fits, f"repaired by bhm explain: {', '.join(sorted(e.id for e in findings.effects))}")
     if said == "parameter":
-        return retuned(battery, fits[0])
+        return as_flown(battery, fits)
     return patched(battery, findings.fit.rmse_before_V / series) if said == "unknown" else None
 
 

@@ -24,6 +24,7 @@ from bhm_service.units import Array, Places, Value
 
 _REST_SD_V = 0.002  # of a cell, beside what the open-circuit curve is known to
 _STEP = 1e-3  # of finite differences, in standard deviations of what was known before
+_HALF = 0.5  # of charge: what a pack can be asked at for all of it
 _NEAR_STEP = 1e-6  # of finite differences over the charge, and over what the drop has grown to
 
 
@@ -112,6 +113,17 @@ class Joint(Hypothesis):
         group = self._single(flight)
         kelvin = self._simulated(x, group, self._pack(x, group.places)).temperature
         return np.broadcast_to(kelvin, (x.shape[0], 1, self.flights[flight].time_s.size))[:, 0]
+
+    def counted_c(self, points: Array, flight: int) -> Array:
+        """Charge [C] that the sensor counts from full to empty at one flight's mean load, for vectors (M, n); (M,)."""
+        data = self.flights[flight]
+        told = float(np.mean(data.current_a[data.airborne] if data.airborne.any() else data.current_a))
+        kelvin = None if data.temperature_k is None else float(np.mean(data.temperature_k))
+        pack = self._pack(points, np.array([flight]))
+        drawn = pack.true_current(told)
+        by = pack.modifiers(pack.start(np.full((points.shape[0], 1, 1), _HALF)), kelvin, drawn)
+        counted = pack.capacity_c * by.capacity * by.area * told / drawn
+        return np.asarray(np.broadcast_to(counted, (points.shape[0], 1, 1)))[:, 0, 0]
 
     def _single(self, flight: int) -> Abreast:
         return Abreast(np.array([flight]), (self.flights[flight],))

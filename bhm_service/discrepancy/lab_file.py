@@ -14,7 +14,7 @@ from bhm_service.errors import BadInputError
 from bhm_service.units import SECONDS_PER_HOUR, Value
 
 # Of the logarithm: what a lab repeats to.
-_LEAST_SD = {"resistance": DROP_SD[0], "polarisation": 0.15, "capacity": 0.01}
+LEAST_SD = {"resistance": DROP_SD[0], "polarisation": 0.15, "capacity": 0.01}
 _APART = 0.3  # of a model's lasting error: what of it is another one in flight than in the lab
 # Where the lab told the form of the drop, what moves it in flight is the weather: a few kelvins, of which charge
 # transfer and diffusion make the more (design/discrepancy.md, step 1: R0 3 %, R1 10 %).
@@ -59,7 +59,7 @@ def lab_of(battery: BatteryFile, model: ModelName, series: int | None, capacity_
     by_error = error_v / (ohm * HOVER_C * own / SECONDS_PER_HOUR) / np.sqrt(len(DROP_S))
 
     def spread(kind: str, wide: float) -> float:
-        return _LEAST_SD[kind] if identified else max(wide, _LEAST_SD[kind])
+        return LEAST_SD[kind] if identified else max(wide, LEAST_SD[kind])
 
     lag_sd = 0.0 if left_open is None else _APART * error_v / _CURVE_V / np.sqrt(len(DROP_S))
     return Lab(

@@ -11,6 +11,7 @@ from bhm_service.battery.battery_file import MODELS, BatteryFile, Joined
 from bhm_service.battery.effects import Effect
 from bhm_service.battery.pack import PackModel
 from bhm_service.battery.parameters import parameters_of
+from bhm_service.discrepancy.as_flown import as_flown
 from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.explanation import Flying
 from bhm_service.discrepancy.fitting import Fitted
@@ -30,7 +31,8 @@ def repaired(battery: BatteryFile, fits: Sequence[Fitted], source: str) -> Batte
     ``fits`` has one of each cell model that the effects are to join: a model without them would go on as if nothing
     had been found, and the flying time is told by both. Each model has the sizes that the flights show with it; where
     one of them is at the end of what is physical that model does not follow the flights, and has those that are told.
-    What differs from flight to flight stays out of the file: a start that is not full, times of a bad contact.
+    What differs from flight to flight stays out of the file: a start that is not full, times of a bad contact. The
+    pack's own numbers are where the fits have them beside the effects.
     """
     joined = list(battery.joined)
     for fitted in fits:
@@ -44,7 +46,8 @@ def repaired(battery: BatteryFile, fits: Sequence[Fitted], source: str) -> Batte
                     joined.append(replace(found, model=model))
     if joined == list(battery.joined):
         return None
-    return replace(battery, joined=tuple(joined), source=f"{battery.source}; {source}".lstrip("; "))
+    mended = replace(battery, joined=tuple(joined), source=f"{battery.source}; {source}".lstrip("; "))
+    return as_flown(mended, fits)
 
 
 def _without(joined: Joined, name: str, lab: Lab) -> list[Joined]:
@@ -77,18 +80,6 @@ def _joined(fitted: Fitted, member: Candidate, key: str, kind: type[Effect]) -> 
         return None
     last = {name.rsplit(".", 1)[1]: told[-1] for name, told in member.fixed.items() if name.startswith(f"{key}.")}
     return Joined(effect=kind(**given, **last), sd=spread)
-
-
-def retuned(battery: BatteryFile, fitted: Fitted) -> BatteryFile:
-    """The battery with its own resistance and capacity moved to where the flights put them."""
-    values = fitted.joint.values(fitted.x[None, :])
-    ohmic, charge = (float(np.exp(values[f"lab_{name}"][0, 0])) for name in ("resistance", "capacity"))
-    circ, chem = battery.circ, battery.chem
-    if circ is not None:
-        circ = replace(circ, r_s=circ.r_s * ohmic, c_max=circ.c_max * charge)
-    if chem is not None:
-        chem = replace(chem, r_o=chem.r_o * ohmic, q_max=chem.q_max * charge)
-    return replace(battery, circ=circ, chem=chem)
 
 
 def patched(battery: BatteryFile, error_v: float) -> BatteryFile:

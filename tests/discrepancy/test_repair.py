@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from discrepancy.flown import BATTERY, SERIES, SIZES, base, catalogue, four, noise_model, with_members
+from discrepancy.flown import BATTERY, SERIES, SIZES, catalogue, four, noise_model, with_members
 
 from bhm_service.battery.battery_file import Joined, read_battery, write_battery
 from bhm_service.battery.effects import EFFECTS, SelfHeating, SlowDiffusion
@@ -14,7 +14,7 @@ from bhm_service.battery.pack import PackModel
 from bhm_service.discrepancy.fitting import fit
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.lab_file import lab_of
-from bhm_service.discrepancy.repair import flying, patched, repaired, retuned
+from bhm_service.discrepancy.repair import flying, patched, repaired
 from bhm_service.estimation.tracker import Tracker
 from bhm_service.messages import BatterySample, Model
 
@@ -127,16 +127,6 @@ def test_only_one_effect_carries_the_temperature():
     found = repaired_beside(Joined(effect=heating, model="circ"), found=("resistance-temperature",))
     assert [j.effect.id for j in found] == ["resistance-temperature", "self-heating"]
     assert found[1].effect != heating
-
-
-def test_a_moved_parameter_is_put_into_the_cell_itself():
-    joint = base(four("resistance-growth"))
-    fitted = fit(joint, NOISE)
-    new = retuned(BATTERY, fitted)
-    by = float(np.exp(fitted.x[joint.places["lab_resistance"]][0]))
-    assert by > 1.01
-    assert new.circ.r_s == pytest.approx(by * BATTERY.circ.r_s)
-    assert new.circ.ocv == BATTERY.circ.ocv
 
 
 def test_flying_time_to_the_reserve_falls_with_the_capacity():

@@ -1,0 +1,97 @@
+"""A pack's own numbers as its flights have them: resistance, charge and curve, and how well they tell the charge.
+
+A fit has its effects beside what the lab left open of the pack itself, and neither holds without the other: a filter
+that runs the effects alone reads a curve that lies 5 mV lower in flight than in the lab as half a percent of charge.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from bhm_service.battery.battery_file import MODELS, BatteryFile, ModelName
+from bhm_service.battery.ocv import MOST_REST_V, CurveRest, OpenCircuit
+from bhm_service.discrepancy.fitting import Fitted
+from bhm_service.discrepancy.lab import BEND_SOC
+from bhm_service.discrepancy.lab_file import LEAST_SD
+from bhm_service.identification.curve import KNOTS, rising
+from bhm_service.units import Array
+
+_MOST_SD = 0.5  # of the logarithm of the capacity, that a battery file may say
+
+
+def as_flown(battery: BatteryFile, fits: Sequence[Fitted]) -> BatteryFile:
+    """The battery with its resistance, capacity and curve where the flights put them, its charge as well known.
+
+    ``fits``: at most one of each cell model. A model without one has the scales of the first; its curve is as it was,
+    since that has the errors of the other's form in it.
+    """
+    by_model = {fitted.joint.lab.model: fitted for fitted in fits}
+    for model in MODELS:
+        fitted = by_model.get(model, fits[0])
+        ohmic, charge = (float(np.exp(_number(fitted, f"lab_{name}"))) for name in ("resistance", "capacity"))
+        battery = _scaled(battery, model, ohmic, charge)
+        if model in by_model:
+            battery = _bent(battery, model, _bends_v(fitted))
+    # No surer than of a pack that a lab has just measured.
+    sd = float(np.clip(max(_charge_sd(fitted) for fitted in fits), LEAST_SD["capacity"], _MOST_SD))
+    return replace(battery, uncertainty=replace(battery.uncertainty, capacity=sd))
+
+
+def _number(fitted: Fitted, block: str) -> float:
+    return float(fitted.x[fitted.joint.places[block]][0])
+
+
+def _bends_v(fitted: Fitted) -> Array:
+    """By how much a cell's curve is off at `BEND_SOC`, as this vehicle's meter reads it. [V]"""
+    meter = _number(fitted, "lab_meter") if "lab_meter" in fitted.joint.places else 0.0
+    return np.asarray(fitted.x[fitted.joint.places["lab_bends"]] + meter)
+
+
+def _charge_sd(fitted: Fitted) -> float:
+    """How well a fit tells what its sensors count from full to empty, as a logarithm, effects and all."""
+    joint, x = fitted.joint, fitted.x
+    step = 1e-3 * joint.scale
+    step = np.where(x + step > joint.unknowns.high, -step, step)
+    counted = np.log(joint.counted_c(np.vstack([x, x + np.diag(step)]), len(joint.flights) - 1))
+    slope = (counted[1:] - counted[0]) / step
+    return float(np.sqrt(slope @ fitted.covariance @ slope))
+
+
+def _scaled(battery: BatteryFile, model: ModelName, ohmic: float, charge: float) -> BatteryFile:
+    circ, chem = battery.circ, battery.chem
+    if model == "circ" and circ is not None:
+        return replace(battery, circ=replace(circ, r_s=circ.r_s * ohmic, c_max=circ.c_max * charge))
+    if model == "chem" and chem is not None:
+        return replace(battery, chem=replace(chem, r_o=chem.r_o * ohmic, q_max=chem.q_max * charge))
+    return battery
+
+
+def _bent(battery: BatteryFile, model: ModelName, bends_v: Array) -> BatteryFile:
+    """The battery with one model's curve bent; what its lab left open of it stays where it was.
+
+    Chem's series is what physics has for its electrodes: a bend is what it leaves.
+    """
+    if model == "circ" and battery.circ is not None:
+        battery = replace(battery, circ=replace(battery.circ, ocv=_moved(battery.circ.ocv, bends_v)))
+    elif model == "chem" and battery.chem is not None:
+        rest = battery.chem.curve_rest
+        at = BEND_SOC if rest is None else np.union1d(BEND_SOC, rest.soc)
+        volts = np.interp(at, BEND_SOC, bends_v) + (0.0 if rest is None else np.asarray(rest.voltage(at)))
+        volts = np.clip(volts, -MOST_REST_V, MOST_REST_V)
+        battery = replace(battery, chem=replace(battery.chem, curve_rest=CurveRest(_plain(at), _plain(volts))))
+    left = battery.left_open.get(model)
+    if left is None:
+        return battery
+    mean = {**left.mean, "bends": _plain(np.array(left.mean["bends"]) - bends_v)}
+    return replace(battery, left_open={**battery.left_open, model: replace(left, mean=mean)})
+
+
+def _moved(curve: OpenCircuit, bends_v: Array) -> OpenCircuit:
+    return rising(KNOTS, np.asarray(curve.voltage(KNOTS)) + np.interp(KNOTS, BEND_SOC, bends_v))
+
+
+def _plain(numbers: Array) -> tuple[float, ...]:
+    return tuple(float(v) for v in numbers)
