@@ -108,10 +108,11 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
         progress("the power that was asked for")
     over = variables([c.flight for c in courses], [c.soc for c in courses])
     off = np.concatenate([c.flight.voltage_v - c.before_v for c in courses])
+    mended = _battery(request.battery, judged.verdict, fits, findings, lab.series)
     return Explanation(
         lab=lab,
         battery=request.battery,
-        repaired=_battery(request.battery, judged.verdict, fits, findings, lab.series),
+        repaired=mended,
         courses=courses,
         left_out=tuple(request.left_out),
         search=found,
@@ -120,7 +121,7 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
         maps=regime_maps(off, over),
         contests=decision.contests,
         not_excited=(*missing, *_not_excited(found, tried, chosen.names)),
-        flying=flying(fitted.joint, fitted),
+        flying=flying(fitted.joint, fitted, mended),
         sentence=sentence(
             findings,
             len(flights),

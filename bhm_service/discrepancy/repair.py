@@ -99,10 +99,11 @@ def as_numbers(effect: Effect) -> Effect:
     return replace(effect, **{n: float(np.ravel(getattr(effect, n))[0]) for n in names})  # type: ignore[type-var]
 
 
-def flying(joint: Joint, fitted: Fitted) -> list[Flying]:
-    """Time from the start of each flight to the reserve at its mean load, before and after."""
+def flying(joint: Joint, fitted: Fitted, mended: BatteryFile | None = None) -> list[Flying]:
+    """Time from the start of each flight to the reserve at its mean load, before and after; then of a mended cell."""
     found = []
     lab = joint.lab
+    cell = lab.cell if mended is None else mended.cell(lab.model)
     limits = Limits(threshold_soc=RESERVE_SOC, cutoff_v=_CUTOFF_V * lab.series)
     starts = joint.values(fitted.x[None, :])["start_soc"][0]
     for k, data in enumerate(joint.flights):
@@ -113,8 +114,8 @@ def flying(joint: Joint, fitted: Fitted) -> list[Flying]:
         times = []
         own = [as_numbers(e) for c in joint.members for e in c.effects(joint.values(fitted.x[None, :]), k)]
         soc = 1.0 if data.reading is None else data.reading
-        for effects, start in (((), soc), (own, float(starts[k]))):
-            pack = PackModel(lab.cell, lab.series, lab.parallel, [*lab.effects, *effects])
+        for of, effects, start in ((lab.cell, (), soc), (cell, own, float(starts[k]))):
+            pack = PackModel(of, lab.series, lab.parallel, [*lab.effects, *effects])
             states = np.array([[float(np.ravel(s)[0]) for s in pack.start(np.array(start))]])
             time_s, _ = end_of_discharge(pack, states, np.array([power]), limits, kelvin)
             times.append(float(time_s[0]))

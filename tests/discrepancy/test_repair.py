@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from discrepancy.flown import BATTERY, SERIES, SIZES, catalogue, four, noise_model, with_members
+from discrepancy.flown import BATTERY, SERIES, SIZES, base, catalogue, flown, four, noise_model, with_members
 
 from bhm_service.battery.battery_file import Joined, read_battery, write_battery
 from bhm_service.battery.effects import EFFECTS, SelfHeating, SlowDiffusion
 from bhm_service.battery.pack import PackModel
+from bhm_service.discrepancy.as_flown import as_flown
 from bhm_service.discrepancy.fitting import fit
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.lab_file import lab_of
@@ -133,6 +134,17 @@ def test_flying_time_to_the_reserve_falls_with_the_capacity():
     fitted = fit(with_members(four("capacity-fade"), {"capacity-fade"}), NOISE)
     for flight in flying(fitted.joint, fitted):
         assert flight.after_s / flight.before_s == pytest.approx(0.9, abs=0.04)
+
+
+def test_flying_time_is_that_of_a_cell_whose_own_numbers_moved():
+    fitted = fit(base([flown([EFFECTS["capacity-fade"](fade=0.03)], number=k) for k in range(4)]), NOISE)
+    for plain, flight in zip(
+        flying(fitted.joint, fitted), flying(fitted.joint, fitted, as_flown(BATTERY, [fitted])), strict=True
+    ):
+        charge = float(np.exp(fitted.x[fitted.joint.places["lab_capacity"]][0]))
+        assert charge < 0.99
+        assert flight.after_s / plain.after_s == pytest.approx(charge, abs=0.004)
+        assert flight.before_s == plain.before_s
 
 
 def test_what_nobody_can_name_widens_the_trust_in_the_voltage_and_changes_no_physics(tmp_path):
