@@ -218,7 +218,8 @@ def flying(e: Explanation) -> list[tuple[str, ...]]:
 def flying_in_words(e: Explanation) -> str:
     """What the explanation changes for the pilot, in a sentence; empty where it changes nothing."""
     changes = [(f.after_s - f.before_s, flight_name(f.flight)) for f in e.flying]
-    if not changes or max(abs(c) for c, _ in changes) < 1.0 or not e.findings.effects:
+    moved = e.findings.effects or e.findings.verdict == "parameter"
+    if not moved or not changes or max(abs(c) for c, _ in changes) < 1.0:
         return ""
     largest, label = max(changes, key=lambda found: abs(found[0]))
     way = "more" if largest < 0.0 else "less"

@@ -239,6 +239,11 @@ def test_flying_time_that_was_promised_and_is_not_there_is_said(done):
     )
 
 
+@pytest.mark.parametrize(("verdict", "said"), [("parameter", True), ("none", False), ("unknown", False)])
+def test_flying_time_is_said_of_a_pack_whose_own_numbers_moved_and_of_none_where_nothing_did(done, verdict, said):
+    assert bool(tables.flying_in_words(saying(done, verdict=verdict, effects=[]))) is said
+
+
 # ---- terminal -------------------------------------------------------------------------------------------------------
 
 
