@@ -104,11 +104,11 @@ def _witnessed(found: Search, second: Witness, chosen: Names) -> bool:
     """
     earned = second.earned(chosen)
     names = frozenset(earned)
-    if any(earned[name] >= found.heard(name) for name in second.turned_round(found, chosen)):
+    if any(earned[name] >= found.heard(name, chosen) for name in second.turned_round(found, chosen)):
         return False
     if second.lab.own_error_v > _DEAF * found.base.lab.own_error_v:
         return True
-    least = {name: found.needed(name, names) if name in STRUCTURAL else found.heard(name) for name in earned}
+    least = {name: found.needed(name, names) if name in STRUCTURAL else found.heard(name, names) for name in earned}
     return all(nats >= least[name] for name, nats in earned.items())
 
 

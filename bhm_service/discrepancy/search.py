@@ -171,11 +171,11 @@ class Search:
 
     def measured(self, names: Names) -> bool:
         """Whether every member of a set may be heard by what is measured beside the pack's voltage alone."""
-        return all(self.credit(frozenset({name})) > self.heard(name) for name in names)
+        return all(self.credit(frozenset({name})) > self.heard(name, names) for name in names)
 
-    def heard(self, name: str) -> float:
-        """What a member has to have at least by its own equation, and with another cell model. [nats]"""
-        return min(NEAR, self.needed(name))
+    def heard(self, name: str, names: Names) -> float:
+        """What a member of a set has to have at least by its own equation, and with another cell model. [nats]"""
+        return min(NEAR, self.needed(name, names))
 
     @property
     def laws(self) -> Names:

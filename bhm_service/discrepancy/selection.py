@@ -242,7 +242,7 @@ def _explains(found: Search, names: Names) -> bool:
     beside = {name: found.credit(frozenset({name})) for name in members}
     clear = _clear_laws(found, names)
     each = all(
-        name in clear or alone * (earned[name] - beside[name]) + beside[name] > found.heard(name)
+        name in clear or alone * (earned[name] - beside[name]) + beside[name] > found.heard(name, names)
         for name, alone in zip(members, others, strict=True)
     )
     finer = all(earned[name] >= structural(found.base.lab.form_told) for name in _opposed(found, names))

@@ -228,12 +228,12 @@ def test_where_the_lab_told_its_form_equations_claim_what_a_member_has_to_earn(t
     assert select(found).names == chosen
 
 
-@pytest.mark.parametrize(("nats", "joules", "recorded", "chosen"), [
-    (5.0, 22e3, True, True), (2.0, 22e3, True, False), (5.0, 22e3, False, False), (5.0, 1.5e3, True, False),
-    (13.0, 1.5e3, True, True),
+@pytest.mark.parametrize(("nats", "joules", "recorded", "chosen", "heard"), [
+    (5.0, 22e3, True, True, 3.0), (2.0, 22e3, True, False, 3.0), (5.0, 22e3, False, False, 6.0),
+    (5.0, 1.5e3, True, False, 6.0), (13.0, 1.5e3, True, True, 6.0),
 ])  # fmt: skip
 def test_a_law_has_to_be_seen_only_where_what_drives_it_was_recorded_and_it_is_of_known_size(
-    nats, joules, recorded, chosen
+    nats, joules, recorded, chosen, heard
 ):
     """That resistance follows temperature needs no long odds; a temperature that nobody recorded does.
 
@@ -251,6 +251,8 @@ def test_a_law_has_to_be_seen_only_where_what_drives_it_was_recorded_and_it_is_o
     found.fits[warmth] = replace(found.fits[warmth], cost=cost)
     assert found.evidence(warmth) == pytest.approx(nats)
     assert (select(found).names == warmth) is chosen
+    (name,) = warmth
+    assert found.heard(name, warmth) == heard  # by its own equation, and with the other model
 
 
 @pytest.mark.parametrize(("nats", "tried"), [(3.0, False), (30.0, True)])
