@@ -31,8 +31,7 @@ def as_flown(battery: BatteryFile, fits: Sequence[Fitted]) -> BatteryFile:
     by_model = {fitted.joint.lab.model: fitted for fitted in fits}
     for model in MODELS:
         fitted = by_model.get(model, fits[0])
-        ohmic, charge = (float(np.exp(_number(fitted, f"lab_{name}"))) for name in ("resistance", "capacity"))
-        battery = _scaled(battery, model, ohmic, charge)
+        battery = _scaled(battery, model, fitted)
         if model in by_model:
             battery = _bent(battery, model, _bends_v(fitted))
     # No surer than of a pack that a lab has just measured.
@@ -60,13 +59,23 @@ def _charge_sd(fitted: Fitted) -> float:
     return float(np.sqrt(slope @ fitted.covariance @ slope))
 
 
-def _scaled(battery: BatteryFile, model: ModelName, ohmic: float, charge: float) -> BatteryFile:
-    circ, chem = battery.circ, battery.chem
-    if model == "circ" and circ is not None:
-        return replace(battery, circ=replace(circ, r_s=circ.r_s * ohmic, c_max=circ.c_max * charge))
-    if model == "chem" and chem is not None:
-        return replace(battery, chem=replace(chem, r_o=chem.r_o * ohmic, q_max=chem.q_max * charge))
-    return battery
+def _scaled(battery: BatteryFile, model: ModelName, fitted: Fitted) -> BatteryFile:
+    """The battery with one model's resistance and capacity as a fit has them, and their spreads with them."""
+    blocks = ("lab_resistance", "lab_capacity")
+    ohmic, charge = (float(np.exp(_number(fitted, block))) for block in blocks)
+    if model == "circ" and battery.circ is not None:
+        circ = replace(battery.circ, r_s=battery.circ.r_s * ohmic, c_max=battery.circ.c_max * charge)
+        battery = replace(battery, circ=circ)
+        numbers = {"r_s": circ.r_s, "c_max": circ.c_max}
+    elif model == "chem" and battery.chem is not None:
+        chem = replace(battery.chem, r_o=battery.chem.r_o * ohmic, q_max=battery.chem.q_max * charge)
+        battery = replace(battery, chem=chem)
+        numbers = {"r_o": chem.r_o, "q_max": chem.q_max}
+    else:
+        return battery
+    told = zip(numbers.items(), blocks, strict=True)
+    spreads = {name: float(np.asarray(number) * fitted.sd(block)[0]) for (name, number), block in told}
+    return replace(battery, sd={**battery.sd, model: {**battery.sd.get(model, {}), **spreads}})
 
 
 def _bent(battery: BatteryFile, model: ModelName, bends_v: Array) -> BatteryFile:

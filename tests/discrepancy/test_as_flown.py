@@ -59,6 +59,7 @@ def test_resistance_and_capacity_go_into_the_cell_itself():
     assert new.circ.r_s == pytest.approx(ohmic * BATTERY.circ.r_s)
     assert new.circ.c_max == pytest.approx(charge * BATTERY.circ.c_max)
     assert new.chem.r_o == pytest.approx(ohmic * BATTERY.chem.r_o)  # of one pack, told by one model
+    assert new.sd["circ"]["c_max"] == pytest.approx(new.circ.c_max * fitted.sd("lab_capacity")[0])
 
 
 @pytest.mark.parametrize("model", ["circ", "chem"])
