@@ -72,10 +72,10 @@ class Equipment:
     def tracker(self, model: Model) -> Tracker:
         """A filter for this pack."""
         cell = self.battery.cell(model.value)
-        uncertainty = self.battery.uncertainty
+        uncertainty, parallel = self.battery.uncertainty, 1.0
         if self.vehicle.battery.capacity_ah is not None:
             uncertainty = replace(uncertainty, capacity=self.vehicle.battery.capacity_sd)
-        parallel = self.capacity_c / float(np.asarray(cell.capacity_c))
+            parallel = self.capacity_c / float(np.asarray(cell.capacity_c))
         return Tracker(model, cell, self.series, parallel, self.battery.effects(model.value), uncertainty)
 
     def hover(self) -> Load | None:

@@ -1,8 +1,10 @@
+from dataclasses import replace
+
 import pytest
 
 from bhm_service.assembly import Equipment
 from bhm_service.battery.battery_file import read_battery
-from bhm_service.config import Service, read_vehicle, shipped
+from bhm_service.config import BatterySettings, Service, Vehicle, read_vehicle, shipped
 from bhm_service.equipment import configured, equipment_of, read_service
 from bhm_service.errors import BadInputError
 from bhm_service.messages import Model
@@ -111,6 +113,16 @@ def test_a_cell_needs_to_be_told_how_many_there_are(written):
     written.write_text(written.read_text().replace("series = 4             # cells in series\n", ""))
     with pytest.raises(BadInputError, match=r"battery\.series is missing"):
         _ = equipment_of(written, None).series
+
+
+def test_each_model_has_the_charge_of_its_own_cell_where_the_vehicle_says_none():
+    """A repaired battery has a capacity for each: the flights showed it with each model a little otherwise."""
+    own = read_battery(shipped("batteries", "generic-lipo.toml"))
+    repaired = replace(own, series=6, circ=replace(own.circ, c_max=1.01 * own.circ.c_max))
+    settings = BatterySettings(file="repaired.toml")
+    equipment = Equipment(vehicle=Vehicle(name="hexa", battery=settings), battery=repaired)
+    for model, cell in ((Model.CIRC, repaired.circ), (Model.CHEM, own.chem)):
+        assert equipment.tracker(model).pack.capacity_c == pytest.approx(float(cell.capacity_c), rel=1e-9)
 
 
 def test_capacity_and_its_doubt_come_from_the_vehicle_file(written):

@@ -26,14 +26,17 @@ def as_flown(battery: BatteryFile, fits: Sequence[Fitted]) -> BatteryFile:
     """The battery with its resistance, capacity and curve where the flights put them, its charge as well known.
 
     ``fits``: at most one of each cell model. A model without one has the scales of the first; its curve is as it was,
-    since that has the errors of the other's form in it.
+    since that has the errors of the other's form in it. A file of a cell that any pack may be built from has the
+    resistance alone: how much charge a pack has its vehicle file says, and the curve goes with that.
     """
     by_model = {fitted.joint.lab.model: fitted for fitted in fits}
     for model in MODELS:
         fitted = by_model.get(model, fits[0])
         battery = _scaled(battery, model, fitted)
-        if model in by_model:
+        if model in by_model and battery.series is not None:
             battery = _bent(battery, model, _bends_v(fitted))
+    if battery.series is None:
+        return battery
     # No surer than of a pack that a lab has just measured.
     sd = float(np.clip(max(_charge_sd(fitted) for fitted in fits), LEAST_SD["capacity"], _MOST_SD))
     return replace(battery, uncertainty=replace(battery.uncertainty, capacity=sd))
@@ -61,8 +64,10 @@ def _charge_sd(fitted: Fitted) -> float:
 
 def _scaled(battery: BatteryFile, model: ModelName, fitted: Fitted) -> BatteryFile:
     """The battery with one model's resistance and capacity as a fit has them, and their spreads with them."""
-    blocks = ("lab_resistance", "lab_capacity")
+    blocks = ["lab_resistance", "lab_capacity"]
     ohmic, charge = (float(np.exp(_number(fitted, block))) for block in blocks)
+    if battery.series is None:
+        blocks, charge = blocks[:1], 1.0
     if model == "circ" and battery.circ is not None:
         circ = replace(battery.circ, r_s=battery.circ.r_s * ohmic, c_max=battery.circ.c_max * charge)
         battery = replace(battery, circ=circ)
@@ -73,7 +78,7 @@ def _scaled(battery: BatteryFile, model: ModelName, fitted: Fitted) -> BatteryFi
         numbers = {"r_o": chem.r_o, "q_max": chem.q_max}
     else:
         return battery
-    told = zip(numbers.items(), blocks, strict=True)
+    told = zip(numbers.items(), blocks, strict=False)
     spreads = {name: float(np.asarray(number) * fitted.sd(block)[0]) for (name, number), block in told}
     return replace(battery, sd={**battery.sd, model: {**battery.sd.get(model, {}), **spreads}})
 

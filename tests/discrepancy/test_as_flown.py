@@ -125,3 +125,16 @@ def test_no_file_is_surer_of_a_pack_than_a_lab_is():
     fitted = fit(base(four()), NOISE)
     assert fitted.sd("lab_capacity")[0] < ONE_PER_CENT
     assert as_flown(BATTERY, [fitted]).uncertainty.capacity == ONE_PER_CENT
+
+
+def test_a_file_of_a_cell_that_any_pack_may_be_built_from_has_the_resistance_alone():
+    """Its pack's charge is the vehicle file's: of a larger cell a pack would have fewer side by side, and no more."""
+    cell = replace(BATTERY, series=None)
+    lab = lab_of(cell, "circ", SERIES, 2.0 * BATTERY.circ.c_max)
+    fitted = fit(Joint(lab, tuple(four("capacity-fade"))), NOISE)
+    new = as_flown(cell, [fitted])
+    assert abs(fitted.x[fitted.joint.places["lab_capacity"]][0]) > ONE_PER_CENT
+    assert new.circ == replace(cell.circ, r_s=new.circ.r_s)
+    assert new.circ.r_s == pytest.approx(cell.circ.r_s * np.exp(fitted.x[fitted.joint.places["lab_resistance"]][0]))
+    assert new.uncertainty == cell.uncertainty
+    assert set(new.sd["circ"]) == {"r_s"}
