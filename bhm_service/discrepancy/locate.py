@@ -15,6 +15,7 @@ _BINS = 8
 _LEAST_LIFT = 1.35  # a region holds at least this times the misfit that its samples would
 _LEAST_SHARE = 0.25
 _MOST = 4
+_LEAST_SPAN = {"temperature_C": 1.0}  # less is a thermometer's own: no place of anything
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +40,7 @@ class Map:
 
 
 def variables(flights: Sequence[FlightData], soc: Sequence[Array]) -> dict[str, Array]:
-    """Everything that a misfit may be laid over, all flights in one row."""
+    """Everything that a misfit may be laid over and that varies by more than it is read to, all flights in one row."""
     found: dict[str, list[Array]] = {}
     for k, data in enumerate(flights):
         rate = np.gradient(data.current_a, data.time_s) if data.time_s.size > 2 else np.zeros_like(data.current_a)
@@ -60,7 +61,8 @@ def variables(flights: Sequence[FlightData], soc: Sequence[Array]) -> dict[str, 
             own["storage_days"] = np.full(data.time_s.size, data.notes.storage_days)
         for name, values in own.items():
             found.setdefault(name, []).append(values)
-    return {name: np.concatenate(parts) for name, parts in found.items() if len(parts) == len(flights)}
+    rows = {name: np.concatenate(parts) for name, parts in found.items() if len(parts) == len(flights)}
+    return {name: row for name, row in rows.items() if not np.ptp(row) < _LEAST_SPAN.get(name, 0.0)}
 
 
 def regime_maps(misfit: Array, over: dict[str, Array]) -> list[Map]:

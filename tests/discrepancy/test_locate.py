@@ -68,3 +68,11 @@ def test_what_not_all_flights_have_is_no_variable():
     some = [FLIGHTS[0], *(replace(f, temperature_k=None) for f in FLIGHTS[1:])]
     assert "temperature_C" not in variables(some, SOC)
     assert "temperature_C" in variables(FLIGHTS, SOC)
+
+
+def test_a_thermometer_that_only_flickers_is_no_variable():
+    rng = np.random.default_rng(5)
+    still = [replace(f, temperature_k=298.15 + 0.01 * rng.standard_normal(f.time_s.size)) for f in FLIGHTS]
+    laid = misfits(lambda f, s: s < 0.55)
+    assert all("temperature_C" not in region.where for region in locate(laid, still, SOC, NOISE_V))
+    assert not [m for m in regime_maps(np.concatenate(laid), variables(still, SOC)) if m.variable == "temperature_C"]
