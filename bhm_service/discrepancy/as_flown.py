@@ -12,14 +12,16 @@ from dataclasses import replace
 import numpy as np
 
 from bhm_service.battery.battery_file import MODELS, BatteryFile, ModelName
-from bhm_service.battery.ocv import MOST_REST_V, CurveRest, OpenCircuit
+from bhm_service.battery.ocv import MOST_REST_V, CurveRest
+from bhm_service.battery.parameters import parameters_of
+from bhm_service.battery.uncertainty import Uncertainty
 from bhm_service.discrepancy.fitting import Fitted
 from bhm_service.discrepancy.lab import BEND_SOC
 from bhm_service.discrepancy.lab_file import LEAST_SD
 from bhm_service.identification.curve import KNOTS, rising
 from bhm_service.units import Array
 
-_MOST_SD = 0.5  # of the logarithm of the capacity, that a battery file may say
+_CAPACITY = next(p for p in parameters_of(Uncertainty) if p.name == "capacity")
 
 
 def as_flown(battery: BatteryFile, fits: Sequence[Fitted]) -> BatteryFile:
@@ -38,34 +40,37 @@ def as_flown(battery: BatteryFile, fits: Sequence[Fitted]) -> BatteryFile:
     if battery.series is None:
         return battery
     # No surer than of a pack that a lab has just measured.
-    sd = float(np.clip(max(_charge_sd(fitted) for fitted in fits), LEAST_SD["capacity"], _MOST_SD))
+    sd = float(np.clip(max(_charge_sd(fitted) for fitted in fits), LEAST_SD["capacity"], _CAPACITY.high))
     return replace(battery, uncertainty=replace(battery.uncertainty, capacity=sd))
 
 
-def _number(fitted: Fitted, block: str) -> float:
-    return float(fitted.x[fitted.joint.places[block]][0])
+def moved_of(fitted: Fitted) -> dict[str, float]:
+    """By which shares a fit has the pack's own numbers away from the battery file's."""
+    blocks = {"resistance": "lab_resistance", "capacity": "lab_capacity"}
+    places = fitted.joint.places
+    return {name: float(np.expm1(fitted.x[places[block]][0])) for name, block in blocks.items()}
 
 
 def _bends_v(fitted: Fitted) -> Array:
     """By how much a cell's curve is off at `BEND_SOC`, as this vehicle's meter reads it. [V]"""
-    meter = _number(fitted, "lab_meter") if "lab_meter" in fitted.joint.places else 0.0
-    return np.asarray(fitted.x[fitted.joint.places["lab_bends"]] + meter)
+    places = fitted.joint.places
+    meter = fitted.x[places["lab_meter"]] if "lab_meter" in places else 0.0
+    return np.asarray(fitted.x[places["lab_bends"]] + meter)
 
 
 def _charge_sd(fitted: Fitted) -> float:
     """How well a fit tells what its sensors count from full to empty, as a logarithm, effects and all."""
     joint, x = fitted.joint, fitted.x
-    step = 1e-3 * joint.scale
-    step = np.where(x + step > joint.unknowns.high, -step, step)
-    counted = np.log(joint.counted_c(np.vstack([x, x + np.diag(step)]), len(joint.flights) - 1))
-    slope = (counted[1:] - counted[0]) / step
+    points, steps = joint.moved(x, np.arange(x.size)[None, :])
+    counted = np.log(joint.counted_c(points, len(joint.flights) - 1))
+    slope = (counted[1:] - counted[0]) / steps
     return float(np.sqrt(slope @ fitted.covariance @ slope))
 
 
 def _scaled(battery: BatteryFile, model: ModelName, fitted: Fitted) -> BatteryFile:
     """The battery with one model's resistance and capacity as a fit has them, and their spreads with them."""
-    blocks = ["lab_resistance", "lab_capacity"]
-    ohmic, charge = (float(np.exp(_number(fitted, block))) for block in blocks)
+    blocks, own = ["lab_resistance", "lab_capacity"], moved_of(fitted)
+    ohmic, charge = 1.0 + own["resistance"], 1.0 + own["capacity"]
     if battery.series is None:
         blocks, charge = blocks[:1], 1.0
     if model == "circ" and battery.circ is not None:
@@ -78,7 +83,7 @@ def _scaled(battery: BatteryFile, model: ModelName, fitted: Fitted) -> BatteryFi
         numbers = {"r_o": chem.r_o, "q_max": chem.q_max}
     else:
         return battery
-    told = zip(numbers.items(), blocks, strict=False)
+    told = zip(numbers.items(), blocks, strict=False)  # those that moved
     spreads = {name: float(np.asarray(number) * fitted.sd(block)[0]) for (name, number), block in told}
     return replace(battery, sd={**battery.sd, model: {**battery.sd.get(model, {}), **spreads}})
 
@@ -89,7 +94,8 @@ def _bent(battery: BatteryFile, model: ModelName, bends_v: Array) -> BatteryFile
     Chem's series is what physics has for its electrodes: a bend is what it leaves.
     """
     if model == "circ" and battery.circ is not None:
-        battery = replace(battery, circ=replace(battery.circ, ocv=_moved(battery.circ.ocv, bends_v)))
+        volts = np.asarray(battery.circ.ocv.voltage(KNOTS)) + np.interp(KNOTS, BEND_SOC, bends_v)
+        battery = replace(battery, circ=replace(battery.circ, ocv=rising(KNOTS, volts)))
     elif model == "chem" and battery.chem is not None:
         rest = battery.chem.curve_rest
         at = BEND_SOC if rest is None else np.union1d(BEND_SOC, rest.soc)
@@ -101,10 +107,6 @@ def _bent(battery: BatteryFile, model: ModelName, bends_v: Array) -> BatteryFile
         return battery
     mean = {**left.mean, "bends": _plain(np.array(left.mean["bends"]) - bends_v)}
     return replace(battery, left_open={**battery.left_open, model: replace(left, mean=mean)})
-
-
-def _moved(curve: OpenCircuit, bends_v: Array) -> OpenCircuit:
-    return rising(KNOTS, np.asarray(curve.voltage(KNOTS)) + np.interp(KNOTS, BEND_SOC, bends_v))
 
 
 def _plain(numbers: Array) -> tuple[float, ...]:

@@ -12,7 +12,7 @@ from bhm_service.battery.effects import EFFECTS
 from bhm_service.config import Vehicle
 from bhm_service.discrepancy import verdict
 from bhm_service.discrepancy.advice import advice
-from bhm_service.discrepancy.as_flown import as_flown
+from bhm_service.discrepancy.as_flown import as_flown, moved_of
 from bhm_service.discrepancy.candidate import Candidate, NotExcited, candidates, known_drivers
 from bhm_service.discrepancy.cells import with_cells
 from bhm_service.discrepancy.confirm import Unseen, held_out
@@ -36,7 +36,7 @@ from bhm_service.discrepancy.selection import Selection, taken
 from bhm_service.discrepancy.significance import familywise
 from bhm_service.discrepancy.summary import findings_of
 from bhm_service.discrepancy.timing import by_samples
-from bhm_service.discrepancy.words import effect_in_words, left_advice, left_in_words, moved_of, sentence, values_of
+from bhm_service.discrepancy.words import effect_in_words, left_advice, left_in_words, sentence, values_of
 from bhm_service.errors import BadInputError
 from bhm_service.units import SECONDS_PER_HOUR
 

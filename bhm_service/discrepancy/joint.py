@@ -317,7 +317,7 @@ class Joint(Hypothesis):
         """Whitened residuals of every flight, and their derivatives by the vector in standard deviations."""
         found: dict[int, tuple[Array, Slopes]] = {}
         used = self.columns
-        points, steps = self._moved(x, used)
+        points, steps = self.moved(x, used)
         for group in abreast(self.flights):
             run = self._run(points, group)
             added = self._added(run, group, float(self._skew_s(x[None, :])[0]))
@@ -341,7 +341,7 @@ class Joint(Hypothesis):
         """Derivatives (rows, numbers) of every flight's whitened residuals by the numbers of one member's effects."""
         used = self.places_by_flight([u.name for u in member.unknowns])
         own = np.unique(used)
-        points, steps = self._moved(x, used)
+        points, steps = self.moved(x, used)
         found: dict[int, Array] = {}
         for group in abreast(self.flights):
             rows = self._rows(self._run(points, group), group, noise)
@@ -352,7 +352,7 @@ class Joint(Hypothesis):
                 found[flight] = slope.T
         return [found[k] for k in range(len(self.flights))]
 
-    def _moved(self, x: Array, used: Places) -> tuple[Array, Array]:
+    def moved(self, x: Array, used: Places) -> tuple[Array, Array]:
         """A vector, then the same with each number moved of those that are used (flights, numbers); and the steps (n,).
 
         What belongs to a flight moves no other: such numbers of all flights are moved at once.

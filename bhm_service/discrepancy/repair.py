@@ -100,7 +100,7 @@ def as_numbers(effect: Effect) -> Effect:
 
 
 def flying(joint: Joint, fitted: Fitted, mended: BatteryFile | None = None) -> list[Flying]:
-    """Time from the start of each flight to the reserve at its mean load, before and after; then of a mended cell."""
+    """Time from the start of each flight to the reserve at its mean load, before and after: of ``mended``'s cell."""
     found = []
     lab = joint.lab
     cell = lab.cell if mended is None else mended.cell(lab.model)

@@ -68,7 +68,7 @@ def sentence(
     told: bool = False,
     left: str = "",
 ) -> str:
-    """The verdict in one sentence; ``moved``: by which shares the lab's own numbers did, see `moved_of`.
+    """The verdict in one sentence; ``moved``: by which shares the lab's own numbers did, see `as_flown.moved_of`.
 
     ``tuned_v``: the error on unseen flights where these alone are adjusted. ``told``: the effects were given, not
     found. ``left``: what the explanation leaves, see `left_in_words`.
@@ -142,13 +142,6 @@ def values_of(fitted: Fitted, effect_id: str) -> dict[str, Value]:
                     rows.setdefault(name, []).append(np.asarray(member.fixed[f"{key}.{name}"], dtype=float))
         found = {name: np.squeeze(np.stack(told)) for name, told in rows.items()}
     return found
-
-
-def moved_of(fitted: Fitted) -> dict[str, float]:
-    """By which shares a fit has the pack's own numbers away from the battery file's."""
-    blocks = {"resistance": "lab_resistance", "capacity": "lab_capacity"}
-    unknowns = fitted.joint.unknowns
-    return {name: float(np.expm1(fitted.x[unknowns.slice_of(block)][0])) for name, block in blocks.items()}
 
 
 def region_in_words(region: Region, every: Sequence[str]) -> str:

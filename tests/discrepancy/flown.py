@@ -78,6 +78,14 @@ def off_by_its_curve(flights, by_v=0.025):
     ]
 
 
+def error(battery, model, flights):
+    """RMSE of a battery file's pack model over flights, from full. [V]"""
+    pack = PackModel(battery.cell(model), SERIES, 1.0, battery.effects(model))
+    runs = [np.ravel(pack.simulate(f.time_s, f.current_a, 1.0, f.temperature_k).voltage) for f in flights]
+    off = [f.voltage_v - run for f, run in zip(flights, runs, strict=True)]
+    return float(np.sqrt(np.mean(np.concatenate(off) ** 2)))
+
+
 def base(flights, model="circ"):
     """The battery as it is over flights."""
     return Joint(lab_of(BATTERY, model, None, None), tuple(flights))

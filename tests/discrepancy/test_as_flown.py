@@ -10,17 +10,17 @@ from discrepancy.flown import (
     BATTERY,
     SERIES,
     base,
+    error,
     flown,
     four,
     noise_model,
     off_by_its_curve,
     told_its_form,
     with_members,
-)  # fmt: skip
+)
 
 from bhm_service.battery.battery_file import read_battery, write_battery
 from bhm_service.battery.effects import EFFECTS
-from bhm_service.battery.pack import PackModel
 from bhm_service.discrepancy.as_flown import as_flown
 from bhm_service.discrepancy.fitting import fit
 from bhm_service.discrepancy.joint import Joint
@@ -41,13 +41,6 @@ def bent(model, seed=0):
 def fitted_where_told(flights, model):
     """A fit of no effect by a lab that told what its model's form is off by: little else than its curve is open."""
     return fit(Joint(told_its_form(lab_of(BATTERY, model, None, None)), tuple(flights)), NOISE)
-
-
-def error(battery, model, flights):
-    """RMSE of a battery file's pack over flights from full. [V]"""
-    pack = PackModel(battery.cell(model), SERIES, 1.0, battery.effects(model))
-    runs = [np.ravel(pack.simulate(f.time_s, f.current_a, 1.0, f.temperature_k).voltage) for f in flights]
-    return float(np.sqrt(np.mean(np.concatenate([f.voltage_v - r for f, r in zip(flights, runs, strict=True)]) ** 2)))
 
 
 def test_resistance_and_capacity_go_into_the_cell_itself():

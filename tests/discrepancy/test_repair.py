@@ -6,11 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from discrepancy.flown import BATTERY, SERIES, SIZES, base, catalogue, flown, four, noise_model, with_members
+from discrepancy.flown import BATTERY, SERIES, SIZES, base, catalogue, error, flown, four, noise_model, with_members
 
 from bhm_service.battery.battery_file import Joined, read_battery, write_battery
 from bhm_service.battery.effects import EFFECTS, SelfHeating, SlowDiffusion
-from bhm_service.battery.pack import PackModel
 from bhm_service.discrepancy.as_flown import as_flown
 from bhm_service.discrepancy.fitting import fit
 from bhm_service.discrepancy.joint import Joint
@@ -21,15 +20,6 @@ from bhm_service.messages import BatterySample, Model
 
 NOISE = noise_model()
 LASTING = [name for name in SIZES if name != "partial-charge"]
-
-
-def error(battery, model, flights):
-    """RMSE of a battery file's pack model over flights, from full. [V]"""
-    pack = PackModel(battery.cell(model), SERIES, 1.0, battery.effects(model))
-    off = [
-        f.voltage_v - np.ravel(pack.simulate(f.time_s, f.current_a, 1.0, f.temperature_k).voltage) for f in flights
-    ]  # fmt: skip
-    return float(np.sqrt(np.mean(np.concatenate(off) ** 2)))
 
 
 def mended(name, model, folder):

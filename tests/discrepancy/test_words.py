@@ -8,6 +8,7 @@ from discrepancy.made import NOISE, SERIES, course, flight, flown, lab, si
 
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.battery.pack import PackModel
+from bhm_service.discrepancy.as_flown import moved_of
 from bhm_service.discrepancy.candidate import candidates
 from bhm_service.discrepancy.findings import EffectFound, Findings, Fit, Region
 from bhm_service.discrepancy.fitting import Fitted
@@ -16,7 +17,7 @@ from bhm_service.discrepancy.labels import flights_in_words
 from bhm_service.discrepancy.sidecar import Notes
 from bhm_service.discrepancy.steps import Episode, contact_candidate
 from bhm_service.discrepancy.toll import tolls
-from bhm_service.discrepancy.words import effect_in_words, moved_of, region_in_words, sentence, values_of
+from bhm_service.discrepancy.words import effect_in_words, region_in_words, sentence, values_of
 
 COLD_AND_MILD = [flown(flight(1, 5.0)), flown(flight(2, 24.0)), flown(flight(3, 25.0))]
 
