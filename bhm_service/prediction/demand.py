@@ -9,7 +9,11 @@ from bhm_service.units import STANDARD_GRAVITY
 
 AIR_DENSITY = 1.225  # [kg/m^3] standard atmosphere at sea level
 _GAS_AIR = 287.05  # [J/(kg K)]
-_BLOCK_S = 10.0  # power is averaged over blocks this long before its spread is taken
+_SETTLED_S = 10.0  # of flight before anything is expected
+_BLOCK_S = 60.0  # of flight whose mean is held against what was expected when it began
+_MEMORY_S = 3600.0  # of flight after which it counts less how steady the load was: other work, another pilot
+_UNFLOWN = 0.10  # of the mean: how far a flight ahead departs from it where nothing is known of that
+_STEADIEST = 0.033  # of the mean: nor is a load that never departed certain to go on
 
 
 def air_density(pressure_pa: float, temperature_k: float) -> float:
@@ -50,20 +54,21 @@ class Load:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecentLoad:
-    """Running statistics of the power in flight, forgotten with ``window_s``."""
+    """Running statistics of the power in flight, forgotten with ``window_s``; how steady it is, with an hour."""
 
     window_s: float
-    weight_s: float = 0.0  # time that the statistics rest on, forgotten likewise
+    weight_s: float = 0.0  # time that mean and square rest on, forgotten
     mean_w: float = 0.0
     square: float = 0.0  # [W^2] mean squared deviation from the running mean
-    block_s: float = 0.0  # time in the block that is being filled
+    expected_w: float = 0.0  # what the running mean was when the block began that is being filled; 0: none has begun
+    block_s: float = 0.0  # time in that block
     block_w: float = 0.0  # its mean
-    block_square: float = 0.0  # [W^2] mean squared deviation of full blocks
-    blocks: float = 0.0
+    blocks: float = 0.0  # full blocks, forgotten
+    departed: float = 0.0  # sum of their squared departures from what was expected, as fractions of it, forgotten
 
     def add(self, power_w: float, dt: float) -> RecentLoad:
         """The statistics with ``dt`` seconds of ``power_w`` more."""
-        dt = min(dt, _BLOCK_S)
+        dt = min(dt, _SETTLED_S)
         if dt <= 0.0 or not math.isfinite(power_w):
             return self
         keep = math.exp(-dt / self.window_s)
@@ -71,32 +76,37 @@ class RecentLoad:
         deviation = power_w - self.mean_w
         mean = self.mean_w + deviation * dt / weight
         square = (keep * self.weight_s * self.square + dt * deviation * (power_w - mean)) / weight
+        return replace(self, weight_s=weight, mean_w=mean, square=square)._block(power_w, dt)
+
+    def _block(self, power_w: float, dt: float) -> RecentLoad:
+        if self.expected_w <= 0.0:
+            return replace(self, expected_w=self.mean_w) if self.weight_s >= _SETTLED_S else self
         block_s = self.block_s + dt
         block_w = self.block_w + (power_w - self.block_w) * dt / block_s
-        full = replace(self, weight_s=weight, mean_w=mean, square=square, block_s=block_s, block_w=block_w)
         if block_s < _BLOCK_S:
-            return full
-        forget = math.exp(-block_s / self.window_s)
-        blocks = forget * self.blocks + 1.0
-        off = block_w - mean
+            return replace(self, block_s=block_s, block_w=block_w)
+        forget = math.exp(-block_s / _MEMORY_S)
         return replace(
-            full,
+            self,
+            expected_w=self.mean_w,
             block_s=0.0,
             block_w=0.0,
-            blocks=blocks,
-            block_square=(forget * self.blocks * self.block_square + off * off) / blocks,
+            blocks=forget * self.blocks + 1.0,
+            departed=forget * self.departed + (block_w / self.expected_w - 1.0) ** 2,
         )
 
     def load(self) -> Load | None:
-        """What to expect from here on; None before ten seconds of flight."""
-        if self.weight_s < _BLOCK_S:
+        """What to expect from here on; None before ten seconds of flight.
+
+        The flight ahead may ask for more or less by as much as the minutes flown have departed from what was expected
+        when they began, and by a tenth as far as one minute's word goes. Flights of phases (96 recorded ones of three
+        Matrice 100) go on departing by a tenth however long they last, a steady hover by less and less.
+        """
+        if self.weight_s < _SETTLED_S:
             return None
-        # The mean of what was flown, as uncertain as its blocks leave it; and flights are not stationary: what lies
-        # ahead may ask for more or less by a tenth at first, by a thirtieth after long experience.
-        spread = math.sqrt(self.block_square / self.blocks) if self.blocks >= 2.0 else 0.0
-        unseen = max(0.10 / math.sqrt(1.0 + self.weight_s / 60.0), 0.033) * self.mean_w
+        departure = math.sqrt((_UNFLOWN**2 + self.departed) / (1.0 + self.blocks))
         return Load(
             mean_w=self.mean_w,
-            mean_sd_w=math.hypot(spread, unseen),
+            mean_sd_w=max(departure, _STEADIEST) * self.mean_w,
             instant_sd_w=math.sqrt(max(self.square, 0.0)),
         )

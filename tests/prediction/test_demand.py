@@ -1,3 +1,4 @@
+import csv
 import math
 
 import numpy as np
@@ -58,6 +59,47 @@ def test_spreads_are_those_of_seconds_and_of_blocks():
 
 def test_later_flight_counts_more():
     assert fed([200.0] * 300 + [400.0] * 180).mean_w > 360.0
+
+
+def test_the_flight_ahead_is_as_uncertain_as_the_minutes_flown_departed_from_what_was_expected():
+    phases = np.tile(np.repeat([200.0, 300.0], 150), 4)
+    flown, steady = fed(phases), fed(np.full(phases.size, 250.0))
+    ahead = [phases[n:].mean() / fed(phases[:n]).mean_w - 1.0 for n in range(150, phases.size - 300, 30)]
+    assert 1.0 < flown.mean_sd_w / flown.mean_w / np.sqrt(np.mean(np.square(ahead))) < 2.0
+    assert steady.mean_sd_w < 0.04 * steady.mean_w
+    assert fed([250.0] * 60).mean_sd_w == pytest.approx(25.0)
+
+
+def test_a_steady_load_flown_for_long_does_not_drown_what_it_does_now():
+    steady = np.full(10 * 3600, 250.0)
+    phases = np.tile(np.repeat([200.0, 300.0], 150), 6)
+    assert fed([*steady, *phases]).mean_sd_w > 2.0 * fed(steady).mean_sd_w
+
+
+def test_the_mean_of_what_recorded_flights_went_on_to_ask_for_lies_in_its_band(data):
+    inside = []
+    for path in sorted((data / "flights" / "wadl_m100").glob("*.csv")):
+        power = airborne_power(path)
+        load = RecentLoad(window_s=90.0)
+        for n, watts in enumerate(power):
+            load = load.add(float(watts), 1.0)
+            if n >= 60 and n % 20 == 0 and n < power.size - 60:
+                expected = load.load()
+                inside.append(abs(power[n + 1 :].mean() - expected.mean_w) < 1.645 * expected.mean_sd_w)
+    assert len(inside) > 2000
+    assert 0.85 < np.mean(inside) < 0.95
+
+
+def airborne_power(path, airborne_a=7.0):
+    """Power of the longest run of flight in a table that was written on change, held from second to second. [W]"""
+    with path.open() as stream:
+        rows = [[float(row[key]) for key in ("t_s", "V", "I")] for row in csv.DictReader(stream) if row["I"]]
+    time, volts, amps = np.array(rows).T
+    seconds = np.arange(time[0], time[-1], 1.0)
+    held = np.searchsorted(time, seconds, side="right") - 1
+    runs = np.split(held, np.flatnonzero(np.diff(amps[held] > airborne_a)) + 1)
+    flown = max((run for run in runs if amps[run[0]] > airborne_a), key=len)
+    return (volts * amps)[flown]
 
 
 def test_what_is_not_a_number_is_passed_over():
