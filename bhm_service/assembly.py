@@ -42,20 +42,55 @@ class Equipment:
 
     @property
     def series(self) -> int:
-        """Cells in series; BadInputError when neither file says."""
-        series = self.vehicle.battery.series or self.battery.series
-        if series is None:
+        """Cells in series; BadInputError when neither file says, and when they contradict each other."""
+        ours, own = self.vehicle.battery.series, self.battery.series
+        if self._is_its_pack:
+            assert own is not None
+            return own
+        if ours is None:
             raise BadInputError(
                 self.vehicle.name,
                 "battery.series is missing, and the battery file is of a single cell: how many are in series?",
             )
-        return series
+        if own is not None and own > 1:
+            raise BadInputError(
+                self.battery.name, f"is a pack of {own} cells, and {self.vehicle.name} has {ours} in series",
+                "another battery file, or take series out of this one if the pack is built from such cells",
+            )  # fmt: skip
+        return ours
 
     @property
     def capacity_c(self) -> float:
         """Charge of the pack. [C]"""
-        if self.vehicle.battery.capacity_ah is not None:
-            return coulombs(self.vehicle.battery.capacity_ah)
+        if self._label_ah is not None:
+            return coulombs(self._label_ah)
+        return self._own_c
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What of the vehicle's file is not used, and why."""
+        label, own = self.vehicle.battery.capacity_ah, self._own_c / SECONDS_PER_HOUR
+        if label is None or not self._is_its_pack or f"{label:.3g}" == f"{own:.3g}":
+            return ()
+        return (f"capacity_ah = {label:.3g} of the vehicle is not used: {self.battery.name} is a pack of {own:.3g} Ah",)
+
+    @property
+    def _is_its_pack(self) -> bool:
+        """Whether the battery file is of the pack on board, and not of a cell that it may be built from.
+
+        A pack that was identified has its own capacity, and how well that is known: a label says neither. One cell on
+        a bench is a pack of one to its file, and a cell to a vehicle that has more of them.
+        """
+        own = self.battery.series
+        return own is not None and self.vehicle.battery.series in (None, own)
+
+    @property
+    def _label_ah(self) -> float | None:
+        """Capacity that the vehicle's file gives to a cell that any pack may be built from. [Ah]"""
+        return None if self._is_its_pack else self.vehicle.battery.capacity_ah
+
+    @property
+    def _own_c(self) -> float:
         cell = self.battery.circ or self.battery.chem
         assert cell is not None
         return float(np.asarray(cell.capacity_c))
@@ -73,7 +108,7 @@ class Equipment:
         """A filter for this pack."""
         cell = self.battery.cell(model.value)
         uncertainty, parallel = self.battery.uncertainty, 1.0
-        if self.vehicle.battery.capacity_ah is not None:
+        if self._label_ah is not None:
             uncertainty = replace(uncertainty, capacity=self.vehicle.battery.capacity_sd)
             parallel = self.capacity_c / float(np.asarray(cell.capacity_c))
         return Tracker(model, cell, self.series, parallel, self.battery.effects(model.value), uncertainty)

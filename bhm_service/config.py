@@ -29,7 +29,7 @@ class BatterySettings(Settings):
         None
     )
     capacity_ah: Annotated[
-        float | None, Field(gt=0.05, le=500.0, description="[Ah] of the whole pack; the battery file's if absent")
+        float | None, Field(gt=0.05, le=500.0, description="[Ah] of the pack, where its battery file is of a cell only")
     ] = None
     capacity_sd: Annotated[float, Field(ge=0.0, le=0.3, description="[-] how well that is known, one sigma")] = 0.04
     id: Annotated[int, Field(ge=0, le=255, description="MAVLink battery id to follow")] = 0

@@ -66,6 +66,8 @@ def run_service(urls: Sequence[str], config: Path | None, vehicle: Path | None, 
     screen = Screen(_print, every_second="JOURNAL_STREAM" not in os.environ)
     where = ", ".join(urls or link.urls)
     _print(f"{equipment.vehicle.name}, battery {equipment.battery.name}; listening on {where}, Ctrl-C ends\n")
+    for remark in equipment.remarks:
+        _print(f"{remark}\n")
     stop, notifier = _Stop(), Notifier()
     session = _session(equipment, settings, links, screen, None if config is None else state_folder(os.environ))
     notifier.ready()

@@ -133,6 +133,30 @@ def test_capacity_and_its_doubt_come_from_the_vehicle_file(written):
     assert tracker.uncertainty.capacity == pytest.approx(0.05)
 
 
+@pytest.mark.parametrize(("label_ah", "remarks"), [(5.0, 1), (4.6, 0)])
+def test_a_pack_that_was_identified_has_its_own_capacity_and_not_that_of_the_label(written, label_ah, remarks):
+    written.write_text(written.read_text().replace("capacity_ah = 5.0", f"capacity_ah = {label_ah}"))
+    cell = read_battery(shipped("batteries", "generic-lipo.toml"))
+    known = replace(cell.uncertainty, capacity=0.01)
+    pack = replace(cell, name="mine", series=4, circ=replace(cell.circ, c_max=4.6 * 3600.0), uncertainty=known)
+    equipment = Equipment(vehicle=read_vehicle(written), battery=pack)
+    tracker = equipment.tracker(Model.CIRC)
+    assert tracker.pack.capacity_c == pytest.approx(4.6 * 3600.0)
+    assert tracker.pack.parallel == 1.0
+    assert tracker.uncertainty.capacity == 0.01
+    assert len(equipment.remarks) == remarks
+    assert all(part in " ".join(equipment.remarks) for part in ("5", "mine", "4.6 Ah") if remarks)
+
+
+def test_a_pack_of_other_cells_than_the_vehicle_has_is_refused_and_one_cell_of_a_bench_is_built_from(written):
+    cell = read_battery(shipped("batteries", "generic-lipo.toml"))
+    vehicle = read_vehicle(written)
+    with pytest.raises(BadInputError, match="mine: is a pack of 6 cells, and Generic 4S quadrotor has 4 in series"):
+        _ = Equipment(vehicle=vehicle, battery=replace(cell, name="mine", series=6)).series
+    built = Equipment(vehicle=vehicle, battery=replace(cell, series=1))
+    assert (built.series, built.capacity_c) == (4, pytest.approx(5.0 * 3600.0))
+
+
 def test_a_signing_key_is_found_from_where_the_service_file_is(tmp_path):
     path = tmp_path / "service.toml"
     path.write_text('[link]\nsigning_key = "keys/mine.key"\n')

@@ -12,6 +12,7 @@ import tomlkit
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+from bhm_service.assembly import Equipment
 from bhm_service.battery.battery_file import BatteryFile, ModelName, read_battery, write_battery
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.config import read_vehicle
@@ -62,6 +63,8 @@ def explain_logs(task: Task) -> int:
     ampere_hours = vehicle.battery.capacity_ah if vehicle is not None else None
     capacity_c = None if ampere_hours is None else ampere_hours * SECONDS_PER_HOUR
     lab = lab_of(battery, model, series, capacity_c)
+    for remark in () if vehicle is None else Equipment(vehicle=vehicle, battery=battery).remarks:
+        err.print(remark, markup=False)
     notes = read_sidecar(task.sidecar) if task.sidecar is not None else {}
     told = _known_effects(task.told)
     _make(task.output)

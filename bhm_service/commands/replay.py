@@ -117,6 +117,7 @@ def _one(
         remarks = [*reasons, *remarks]
     else:
         equipment = given
+    remarks = [*equipment.remarks, *remarks]
     pages = replay(log, equipment, service, lambda share: progress(_READING + _REPLAYING * share), as_recorded)
     if as_recorded:
         remarks.append(reproduced(log, pages))
@@ -126,7 +127,7 @@ def _one(
         raise BadInputError(str(path), f"would be overwritten by its own result in {request.output}: choose another -o")
     write_played(written[0], log, pages)
     write_series(written[1], pages)
-    write_page(written[2], log, equipment.vehicle, pages, flights, remarks)
+    write_page(written[2], log, equipment, pages, flights, remarks)
     return Result(log, pages, flights, remarks, written)
 
 

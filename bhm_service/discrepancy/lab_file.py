@@ -30,7 +30,10 @@ def lab_of(battery: BatteryFile, model: ModelName, series: int | None, capacity_
     """
     cell = battery.cell(model)
     if battery.series is not None and series is not None and battery.series != series:
-        raise BadInputError(battery.name, f"is a pack of {battery.series} cells, the vehicle file says {series}")
+        raise BadInputError(
+            battery.name, f"is a pack of {battery.series} cells, the vehicle file says {series}",
+            "another battery file, or take series out of this one if the pack is built from such cells",
+        )  # fmt: skip
     cells = battery.series if battery.series is not None else series
     if cells is None:
         raise BadInputError(

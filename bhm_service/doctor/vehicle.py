@@ -92,6 +92,8 @@ def listen(links: Links, battery_id: int, seconds: float, clock: Callable[[], fl
 def vehicle(heard: Heard, equipment: Equipment) -> list[Finding]:
     """What is wrong with what was heard."""
     found = [_link(heard, number) for number in sorted(heard.states)]
+    mend = "take it out there; or, to have that pack scaled, take series out of the battery file"
+    found += [doubtful(remark, mend) for remark in equipment.remarks]
     if heard.heartbeat is None:
         return found
     battery = _battery(heard, equipment)
@@ -207,6 +209,7 @@ def _settings(heard: Heard, equipment: Equipment) -> list[Finding]:
         found.append(bad(f"{prefix}_A_PER_V is not set", "choose the power module in QGroundControl, Power"))
     told, ours = known.get(f"{prefix}_CAPACITY", 0.0) / 1000.0, equipment.capacity_c / SECONDS_PER_HOUR
     if told > 0.0 and abs(told / ours - 1.0) > _CAPACITY_APART:
-        words = f"{prefix}_CAPACITY says {told:.1f} Ah, the vehicle file {ours:.1f} Ah"
-        found.append(doubtful(words, "which one is on the pack's label? battery.capacity_ah in the vehicle file"))
+        words = f"{prefix}_CAPACITY says {told:.1f} Ah, our files {ours:.1f} Ah"
+        mend = "which one is on the pack's label? battery.capacity_ah in the vehicle file, else the battery file"
+        found.append(doubtful(words, mend))
     return found or [good("the autopilot's battery settings")]

@@ -8,7 +8,7 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, select_autoescape
 from plotly.offline import get_plotlyjs
 
-from bhm_service.config import Vehicle
+from bhm_service.assembly import Equipment
 from bhm_service.mavlink.log import Log
 from bhm_service.messages import EventCode
 from bhm_service.replay import Replay
@@ -16,23 +16,23 @@ from bhm_service.reporting.figure import figure
 from bhm_service.reporting.flights import FlightSummary
 from bhm_service.reporting.terminal import HEADER, flight_tables
 from bhm_service.reporting.words import date, duration, moment
+from bhm_service.units import SECONDS_PER_HOUR
 
 _ORDINARY = (EventCode.TOOK_OFF, EventCode.LANDED)
 
 
 def write_page(
-    path: Path, log: Log, vehicle: Vehicle, pages: Replay, flights: Sequence[FlightSummary], remarks: Sequence[str]
+    path: Path, log: Log, equipment: Equipment, pages: Replay, flights: Sequence[FlightSummary], remarks: Sequence[str]
 ) -> None:
     """Write the page."""
     environment = Environment(loader=PackageLoader("bhm_service.reporting"), autoescape=select_autoescape())
     start, end = log.span_s
     day = date(start)
-    battery = vehicle.battery
+    battery = equipment.vehicle.battery
     subtitle = [
         f"{log.kind.value}, {duration(end - start)} min" + (f", {day} from {moment(start, start)} UTC" if day else ""),
-        f"{vehicle.name}: {battery.series or '?'} cells in series"
-        + (f", {battery.capacity_ah:g} Ah" if battery.capacity_ah else "")
-        + f", battery {battery.id}",
+        f"{equipment.vehicle.name}: {equipment.series} cells in series, "
+        f"{equipment.capacity_c / SECONDS_PER_HOUR:.3g} Ah, battery {battery.id}",
     ]
     html = environment.get_template("replay.html").render(
         title=log.path.name,

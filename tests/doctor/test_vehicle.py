@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from executive.flight import quad
 
@@ -92,6 +94,17 @@ def test_each_trouble_is_named_with_what_to_do(told, level, what, mend):
     assert was is level
     assert what in said
     assert mend in do
+
+
+def test_a_label_beside_a_pack_that_was_identified_is_told():
+    ours = quad()
+    pack = replace(ours, battery=replace(ours.battery, name="mine", series=4))
+    ((level, what, mend),) = [
+        (f.level, f.what, f.mend) for f in vehicle(heard(), pack) if f.level is not Level.GOOD and "label" not in f.mend
+    ]
+    assert level is Level.DOUBTFUL
+    assert "is not used: mine is a pack of" in what
+    assert "series" in mend
 
 
 def test_a_current_in_flight_is_no_offset():
