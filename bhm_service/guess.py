@@ -20,7 +20,9 @@ from bhm_service.telemetry import SampleMerger
 from bhm_service.units import SECONDS_PER_HOUR
 
 GENERIC_BATTERY = "generic-lipo.toml"
-_FULL_CELL_V = 4.27  # [V] highest resting voltage that is still read as one cell (LiHV is charged to 4.35, then rests)
+_FULL_CELL_V = 4.27  # [V] highest resting voltage of a cell
+_FULL_LIHV_V = 4.40  # [V] of one that is charged to 4.35 V
+_LANDED_CELL_V = 3.70  # [V] highest resting voltage of a pack that has a fifth of its charge left, where flights end
 _SOLD_SERIES = (1, 2, 3, 4, 6, 8, 10, 12, 14)
 _CELLS_PARAMETERS = ("BAT{n}_N_CELLS", "BAT_N_CELLS")
 _CAPACITY_PARAMETERS = ("BAT{n}_CAPACITY", "BAT_CAPACITY", "BATT{suffix}_CAPACITY")
@@ -113,9 +115,15 @@ def _series(samples: list[BatterySample], parameters: dict[str, float], battery_
     if not volts:
         return 4, "no voltage at all (a quad's usual number)"
     high = volts[max(0, math.ceil(0.98 * len(volts)) - 1)]
-    least = max(1, math.ceil(high / _FULL_CELL_V))
-    series = next((n for n in _SOLD_SERIES if n >= least), least)
+    series, fewer = (_sold(high / volts) for volts in (_FULL_CELL_V, _FULL_LIHV_V))
+    if fewer < series and high < series * _LANDED_CELL_V:
+        return fewer, f"{high:.1f} V when highest, as of LiHV cells"
     return series, f"{high:.1f} V when highest"
+
+
+def _sold(least: float) -> int:
+    """The smallest number of cells that packs are sold with, of those that are not less."""
+    return next((n for n in _SOLD_SERIES if n >= least), math.ceil(least))
 
 
 def _capacity(

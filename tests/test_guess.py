@@ -58,6 +58,18 @@ def test_cells_from_the_voltage(volts, series):
     assert guess_vehicle([status(k, volts, 1.0) for k in range(30)], None, "x").vehicle.battery.series == series
 
 
+@pytest.mark.parametrize(
+    ("volts", "series"), [(8.7, 2), (17.3, 4), (26.1, 6), (34.7, 8), (43.4, 10), (22.2, 6), (30.4, 8), (44.8, 12)]
+)
+def test_cells_charged_to_more_than_usual_are_not_more_cells_that_are_empty(volts, series):
+    assert guess_vehicle([status(k, volts, 1.0) for k in range(30)], None, "x").vehicle.battery.series == series
+
+
+def test_every_flight_of_a_fleet_on_lihv_packs_has_its_six_cells(data):
+    for path in sorted((data / "flights" / "wadl_m100").glob("*.csv")):
+        assert guess(path).vehicle.battery.series == 6, path.name
+
+
 def test_one_wrong_reading_makes_no_cell():
     messages = [status(k, 30.0 if k == 7 else 16.5, 1.0) for k in range(100)]
     assert guess_vehicle(messages, None, "x").vehicle.battery.series == 4
