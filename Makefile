@@ -45,6 +45,7 @@ prove: $(VENV)/.ready-truth
 # What ships in config/batteries, from the recordings that it was fitted to.
 batteries: $(VENV)/.ready
 	$(BIN)/python -m bhm_service.identification.generic_lipo ../shared/data/lab/maxamps_lipo5450 config/batteries
+	$(BIN)/python -m bhm_service.identification.generic_lihv ../shared/data/flights/wadl_m100 config/batteries
 
 golden: $(VENV)/.ready-dev
 	$(BIN)/pytest tests/test_golden.py --update-golden

@@ -12,6 +12,7 @@ import numpy as np
 
 from bhm_service.assembly import Equipment
 from bhm_service.battery.battery_file import BatteryFile, read_battery
+from bhm_service.battery.cell import CellModel
 from bhm_service.config import BatterySettings, Vehicle, shipped
 from bhm_service.mavlink.log import Log
 from bhm_service.mavlink.recording import battery_ids
@@ -20,7 +21,8 @@ from bhm_service.telemetry import SampleMerger
 from bhm_service.units import SECONDS_PER_HOUR
 
 GENERIC_BATTERY = "generic-lipo.toml"
-_FULL_CELL_V = 4.27  # [V] highest resting voltage of a cell
+GENERIC_LIHV = "generic-lihv.toml"
+_FULL_CELL_V = 4.27  # [V] highest resting voltage of a cell charged to 4.20 V, by a meter that is a little off
 _FULL_LIHV_V = 4.40  # [V] of one that is charged to 4.35 V
 _LANDED_CELL_V = 3.70  # [V] highest resting voltage of a pack that has a fifth of its charge left, where flights end
 _SOLD_SERIES = (1, 2, 3, 4, 6, 8, 10, 12, 14)
@@ -29,6 +31,7 @@ _CAPACITY_PARAMETERS = ("BAT{n}_CAPACITY", "BAT_CAPACITY", "BATT{suffix}_CAPACIT
 _HOVER_C = 3.5  # [1/h] a multirotor built for quarter of an hour draws its pack's capacity at this rate
 _GUESSED_SD = 0.20  # [-] of such a capacity
 _LEAST_CAPACITY_MAH = 50.0  # a parameter below this was never set
+_LONGEST_S = 60.0  # [s] that one reading may stand for
 _REST_S = 60.0  # [s] after the last load, before a voltage counts as rested
 _LEAST_FALL = 0.15  # [-] of state of charge between two rests, to divide by
 _REST_SOC_SD = 0.035  # [-] of that fall
@@ -70,17 +73,22 @@ def guess_vehicle(messages: Iterable[Message], battery_id: int | None, name: str
     merger = SampleMerger(battery_id)
     samples = [sample for sample in map(merger.add, messages) if sample is not None]
     parameters = {m.name: m.value for m in messages if isinstance(m, ParameterValue)}
-    series, why = _series(samples, parameters, battery_id)
+    high = _highest(samples)
+    series, why = _series(high, parameters, battery_id)
+    battery = GENERIC_BATTERY
+    if high is not None and high > series * _FULL_CELL_V:
+        battery, why = GENERIC_LIHV, f"{why}, LiHV by that"
     reasons.append(f"{series} cells in series, from {why}")
     # PX4's percentage follows the voltage under load: it is no measure of charge.
     gauge_measures = merger.kind is not AutopilotKind.PX4
-    capacity_ah, why, sd = _capacity(samples, parameters, battery_id, series, gauge_measures)
+    cell = read_battery(shipped("batteries", battery)).cell("circ")
+    capacity_ah, why, sd = _capacity(samples, parameters, battery_id, series, gauge_measures, cell)
     reasons.append(f"{capacity_ah:.1f} Ah, from {why}")
     return Guess(
         Vehicle(
             name=name,
             battery=BatterySettings(
-                file=str(shipped("batteries", GENERIC_BATTERY)),
+                file=str(shipped("batteries", battery)),
                 series=series,
                 capacity_ah=capacity_ah,
                 capacity_sd=min(sd, 0.3),
@@ -106,18 +114,29 @@ def _parameter(parameters: dict[str, float], patterns: Iterable[str], battery_id
     return None
 
 
-def _series(samples: list[BatterySample], parameters: dict[str, float], battery_id: int) -> tuple[int, str]:
+def _highest(samples: list[BatterySample]) -> float | None:
+    """The highest voltage that lasts: single readings may be wrong. [V]"""
+    known = [(s.time_s, s.voltage_v) for s in samples if s.voltage_v is not None]
+    if not known:
+        return None
+    times, volts = (np.array(column) for column in zip(*known, strict=True))
+    # A log that is written on change says by the next line how long a voltage was there.
+    lasted = np.clip(np.diff(times, append=times[-1] + 1.0), 0.0, _LONGEST_S)
+    order = np.argsort(volts)[::-1]
+    place = int(np.searchsorted(np.cumsum(lasted[order]), 0.02 * lasted.sum(), side="right"))
+    return float(volts[order[min(place, order.size - 1)]])
+
+
+def _series(high: float | None, parameters: dict[str, float], battery_id: int) -> tuple[int, str]:
     told = _parameter(parameters, _CELLS_PARAMETERS, battery_id)
     if told is not None:
         return max(int(told[0]), 1), told[1]
-    # The highest voltage that lasts: a pack is seldom flown far below full, and single readings may be wrong.
-    volts = sorted(s.voltage_v for s in samples if s.voltage_v is not None)
-    if not volts:
+    # A pack is seldom flown far below full.
+    if high is None:
         return 4, "no voltage at all (a quad's usual number)"
-    high = volts[max(0, math.ceil(0.98 * len(volts)) - 1)]
     series, fewer = (_sold(high / volts) for volts in (_FULL_CELL_V, _FULL_LIHV_V))
     if fewer < series and high < series * _LANDED_CELL_V:
-        return fewer, f"{high:.1f} V when highest, as of LiHV cells"
+        series = fewer
     return series, f"{high:.1f} V when highest"
 
 
@@ -127,13 +146,18 @@ def _sold(least: float) -> int:
 
 
 def _capacity(
-    samples: list[BatterySample], parameters: dict[str, float], battery_id: int, series: int, gauge_measures: bool
+    samples: list[BatterySample],
+    parameters: dict[str, float],
+    battery_id: int,
+    series: int,
+    gauge_measures: bool,
+    cell: CellModel,
 ) -> tuple[float, str, float]:
     """Capacity [Ah], what it comes from, and how well it is known."""
     told = _told_capacity_mah(parameters, battery_id)
     if told is not None:
         return told[0] / 1000.0, told[1], 0.05
-    by_rest = _capacity_by_rest(samples, series)
+    by_rest = _capacity_by_rest(samples, series, cell)
     if by_rest is not None:
         capacity_ah, sd = by_rest
         return capacity_ah, "the charge counted between two rests and their voltages", sd
@@ -155,7 +179,7 @@ def _charge(samples: list[BatterySample]) -> float:
     return sum(0.5 * (i + j) * (t - s) for (s, i), (t, j) in pairwise(known) if 0.0 < t - s < 60.0)
 
 
-def _capacity_by_rest(samples: list[BatterySample], series: int) -> tuple[float, float] | None:
+def _capacity_by_rest(samples: list[BatterySample], series: int, cell: CellModel) -> tuple[float, float] | None:
     """Charge between the rest before the first load and the rest after the last, over the fall of the curve."""
     known = [s for s in samples if s.current_a is not None and s.voltage_v is not None]
     if not known:
@@ -169,7 +193,6 @@ def _capacity_by_rest(samples: list[BatterySample], series: int) -> tuple[float,
     rested_s = known[-1].time_s - known[last].time_s
     if len(before) < 3 or len(after) < 3 or rested_s < _REST_S:
         return None
-    cell = read_battery(shipped("batteries", GENERIC_BATTERY)).cell("circ")
     grid = np.linspace(0.0, 1.0, 501)
     curve = np.asarray(cell.open_circuit(grid))
     start, end = (

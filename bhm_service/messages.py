@@ -329,6 +329,7 @@ class EventCode(Enum):
 
     NOTHING_TO_ESTIMATE = "nothing to estimate from"
     FILTER_RESTARTED = "filter started over"
+    FULLER_THAN_FULL = "fuller than its battery file knows"
     PACK_CHANGED = "pack changed"
     AUTOPILOT_REBOOTED = "autopilot rebooted"
     TOOK_OFF = "took off"

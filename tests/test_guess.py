@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import pytest
 
 from bhm_service.guess import guess_vehicle
@@ -66,8 +68,17 @@ def test_cells_charged_to_more_than_usual_are_not_more_cells_that_are_empty(volt
 
 
 def test_every_flight_of_a_fleet_on_lihv_packs_has_its_six_cells(data):
-    for path in sorted((data / "flights" / "wadl_m100").glob("*.csv")):
-        assert guess(path).vehicle.battery.series == 6, path.name
+    """Charged to 4.35 V each: the logs that begin with a full pack at rest show it."""
+    found = [guess(path) for path in sorted((data / "flights" / "wadl_m100").glob("*.csv"))]
+    assert {g.vehicle.battery.series for g in found} == {6}
+    lihv = [g for g in found if Path(g.vehicle.battery.file).name == "generic-lihv.toml"]
+    assert len(lihv) > 30
+    assert all("LiHV by that" in " ".join(g.reasons) for g in lihv)
+
+
+def test_a_pack_charged_as_usual_is_no_lihv(data):
+    for file in ("pterosoar_hexa/2022-06-02_15-27-04.csv", "karl_fpv/flight_28.csv", "joey_y6/2014-10-18_20-04-24.csv"):
+        assert Path(guess(data / "flights" / file).vehicle.battery.file).name == "generic-lipo.toml"
 
 
 def test_one_wrong_reading_makes_no_cell():

@@ -15,10 +15,9 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from rich.table import Table
 
 from bhm_service.battery.battery_file import MODELS, ModelName, read_battery, write_battery
-from bhm_service.config import shipped
 from bhm_service.discrepancy.lab_errors import with_lab_errors
 from bhm_service.errors import BadInputError
-from bhm_service.guess import GENERIC_BATTERY, guess_vehicle
+from bhm_service.guess import GENERIC_LIHV, guess_vehicle
 from bhm_service.identification.bench import Bench, read_bench, read_held_out
 from bhm_service.identification.bench_table import QUANTITIES, Reading
 from bhm_service.identification.experiment import Discharge, Experiment, Kind, discharges
@@ -160,7 +159,7 @@ def _from_flights(task: Task, said: Said, total: Callable[[int], None]) -> tuple
     for path in task.flights:
         said(f"reading {path.name}")
         logs.append(read_log(path))
-    series, capacity_ah, capacity_sd, reasons = _known_before(task, logs)
+    file, series, capacity_ah, capacity_sd, reasons = _known_before(task, logs)
     benches: list[Bench] = []
     useless: list[BadInputError] = []
     for log in logs:
@@ -176,21 +175,27 @@ def _from_flights(task: Task, said: Said, total: Callable[[int], None]) -> tuple
     request = _request(task, benches, ", ".join(log.path.name for log in logs), series)
     request = replace(request, capacity_ah=capacity_ah)
     total(2 * len(request.models))
-    known = read_battery(shipped("batteries", GENERIC_BATTERY))
+    known = read_battery(file)
     identified = identify_flights(request, known, capacity_sd, said)
     return benches, replace(identified, remarks=(*reasons, *identified.remarks))
 
 
-def _known_before(task: Task, logs: Sequence[Log]) -> tuple[int, float, float, list[str]]:
-    """Cells in series, capacity [Ah] and how well it is known, and where that is from."""
+def _known_before(task: Task, logs: Sequence[Log]) -> tuple[Path, int, float, float, list[str]]:
+    """The file of such a cell, cells in series, capacity [Ah] and how well it is known, and where that is from."""
     guesses = [guess_vehicle((m for _, m in log.messages), task.reading.battery_id, log.path.stem) for log in logs]
     told = [g for g in guesses if g.capacity_told] or guesses
     reasons = [] if task.reading.series and task.capacity_ah else [f"guessed: {'; '.join(told[0].reasons)}"]
+    file = guesses[0].vehicle.battery.file
+    for guess, log in zip(guesses, logs, strict=True):
+        if guess.vehicle.battery.file.endswith(GENERIC_LIHV):  # one full pack tells what the others are charged to
+            file = guess.vehicle.battery.file
+            reasons.append(f"LiHV cells, charged to 4.35 V, by {log.path.name}")
+            break
     series = task.reading.series or told[0].vehicle.battery.series or 1
     if task.capacity_ah is not None:
-        return series, task.capacity_ah, _TOLD_SD, reasons
+        return Path(file), series, task.capacity_ah, _TOLD_SD, reasons
     capacity_ah = float(np.median([g.vehicle.battery.capacity_ah or 5.0 for g in told]))
-    return series, capacity_ah, _PARAMETER_SD if told[0].capacity_told else _GUESSED_SD, reasons
+    return Path(file), series, capacity_ah, _PARAMETER_SD if told[0].capacity_told else _GUESSED_SD, reasons
 
 
 def _read(path: Path, kind: Kind, reading: Reading, said: Said) -> list[Bench]:

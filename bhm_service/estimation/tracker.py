@@ -108,6 +108,10 @@ class Tracker:
         self._prompt_ohm = self._drop_ohm(self._capacity_a, 1.0)
         self._settled_ohm = self._drop_ohm(1e-3 * self._capacity_a, 600.0)
 
+    def overfull_v(self, voltage_v: float) -> float:
+        """By how much a cell shows more than a full one of the battery file. [V]"""
+        return (voltage_v - self._full_v) / self.pack.series
+
     def _drop_ohm(self, current: float, seconds: float) -> float:
         """Drop under a current that has run for so long, against none: loads past the sensor are in both. [Ohm]"""
         states = np.array([self.pack.rest(0.5)], dtype=float)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -81,6 +82,20 @@ def test_flights_alone_need_neither_cells_nor_capacity_told(data: Path, tmp_path
     assert not battery.left_open  # no lab has seen this pack
     assert "4.0 Ah, from BATT_CAPACITY" in said
     assert "so left near what was assumed: capacity" in said
+
+
+def test_flights_of_which_one_is_from_a_full_lihv_pack_begin_from_such_a_cell(data: Path, tmp_path: Path) -> None:
+    flights = [data / f"flights/wadl_m100/{name}.csv" for name in ("msl_20200121_211644", "waddle3_20200112_142509")]
+    said = run("--flights", *flights, "--model", "circ", "-o", tmp_path / "flown.toml")
+    battery = read_battery(tmp_path / "flown.toml")
+    assert battery.series == 6
+    assert battery.circ is not None
+    assert "LiHV cells, charged to 4.35 V, by waddle3_20200112_142509.csv" in said
+    full, half = (float(np.asarray(battery.circ.open_circuit(soc))) for soc in (1.0, 0.5))
+    assert full == pytest.approx(4.335, abs=0.02)
+    assert half == pytest.approx(3.855, abs=0.03)  # a LiPo's is 3.81 V
+    # The packs' own gauge counts 5.3 Ah from full to where it shows none, and a twentieth is left there.
+    assert float(np.asarray(battery.circ.c_max)) / 3600.0 == pytest.approx(5.3 / 0.95, rel=2 * 0.08)
 
 
 def test_flights_and_bench_recordings_do_not_mix(tmp_path: Path) -> None:
