@@ -9,7 +9,7 @@ import numpy as np
 from bhm_service.errors import BadInputError
 from bhm_service.identification.experiment import Experiment, Kind
 from bhm_service.mavlink.log import Log
-from bhm_service.mavlink.recording import Recording, record
+from bhm_service.mavlink.recording import Recording, record, unsettled
 from bhm_service.units import SECONDS_PER_HOUR, Flags
 
 _CELL_V = (2.0, 4.5)  # [V] a reading outside is a fault of the link
@@ -62,6 +62,7 @@ def _experiment(recording: Recording, piece: Flags, series: int) -> Experiment:
     loaded = amps > _LOADED * amps.max()
     # A pack at rest shows more than under load: else the flight controller ran from something else.
     volts[~loaded & (volts < np.nanmedian(volts[loaded]))] = np.nan
+    volts[unsettled(t, loaded)] = np.nan
     kelvin = recording.temperature_k[piece]
     warm = np.isfinite(kelvin)
     return Experiment(

@@ -13,6 +13,7 @@ from bhm_service.battery.battery_file import BatteryFile, read_battery, write_ba
 from bhm_service.battery.circ import Circ
 from bhm_service.battery.ocv import MonotoneSpline
 from bhm_service.battery.pack import PackModel
+from bhm_service.config import shipped
 from bhm_service.discrepancy.lab_file import lab_of
 from bhm_service.errors import BadInputError
 from bhm_service.identification.experiment import Experiment, Kind
@@ -147,6 +148,16 @@ def test_real_flights_are_followed(data, generic, files, series, capacity_ah, pi
             assert assessed.whole.rmse < error_v
             assert -0.01 < assessed.soc[-1] < assessed.soc[0] < 1.05
     assert 0.05 <= found.battery.uncertainty.capacity < 0.31
+
+
+def test_a_log_that_begins_in_flight_is_followed_once_the_pack_has_settled(data):
+    """Chem's charge transfer takes minutes to settle: from rest, 60 mV of this flight's begin."""
+    lihv = read_battery(shipped("batteries", "generic-lihv.toml"))
+    flights = read_flights(read_log(data / "flights" / "wadl_m100" / "msl_20200121_211644.csv"), 0, 6, 5.4)
+    assert flights[0].current_a[0] > 10.0
+    request = Request(experiments=tuple(flights), series=6, capacity_ah=5.4)
+    for result in identify_flights(request, lihv, 0.3).results:
+        assert result.assessments[0].whole.rmse < 0.015
 
 
 def test_on_the_matrice_flights_capacity_agrees_with_the_packs_own_gauge(data, generic):
