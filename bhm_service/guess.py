@@ -77,7 +77,7 @@ def guess_vehicle(messages: Iterable[Message], battery_id: int | None, name: str
     series, why = _series(high, parameters, battery_id)
     battery = GENERIC_BATTERY
     if high is not None and high > series * _FULL_CELL_V:
-        battery, why = GENERIC_LIHV, f"{why}, LiHV by that"
+        battery, why = GENERIC_LIHV, f"{why}; LiHV cells, by {high / series:.2f} V a cell"
     reasons.append(f"{series} cells in series, from {why}")
     # PX4's percentage follows the voltage under load: it is no measure of charge.
     gauge_measures = merger.kind is not AutopilotKind.PX4

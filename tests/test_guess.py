@@ -73,7 +73,7 @@ def test_every_flight_of_a_fleet_on_lihv_packs_has_its_six_cells(data):
     assert {g.vehicle.battery.series for g in found} == {6}
     lihv = [g for g in found if Path(g.vehicle.battery.file).name == "generic-lihv.toml"]
     assert len(lihv) > 30
-    assert all("LiHV by that" in " ".join(g.reasons) for g in lihv)
+    assert all("LiHV cells, by 4." in " ".join(g.reasons) for g in lihv)
 
 
 def test_a_pack_charged_as_usual_is_no_lihv(data):

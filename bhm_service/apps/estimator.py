@@ -85,6 +85,6 @@ class EstimatorApp:
                 code=EventCode.FULLER_THAN_FULL,
                 severity=Severity.WARNING,
                 text=f"the pack shows {cell_v:.2f} V a cell, its battery file is full at {cell_v - over_v:.2f} V: "
-                "charge and flying time are told too high. LiHV cells? Take generic-lihv.toml, or identify the pack",
+                "trust neither charge nor flying time. LiHV cells? Take generic-lihv.toml, or identify the pack",
             )
         ]

@@ -17,6 +17,7 @@ LOW_SOC = 0.10  # below, cells differ by more than a model can follow
 BENDS = np.linspace(0.0, 1.0, 21)  # where a fit may move it
 _TABLE = np.linspace(-0.12, 1.12, 1241)
 _LEAST_RISE_V = 2e-5  # from knot to knot
+_NEAR_FULL = 0.9  # from here to full it has the slope with which it is carried on
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +60,17 @@ def rising(soc: Array, volts: Array) -> MonotoneSpline:
     for k in range(1, lifted.size):
         lifted[k] = max(lifted[k], lifted[k - 1] + _LEAST_RISE_V)
     return MonotoneSpline(tuple(float(s) for s in soc), tuple(round(float(v), 6) for v in lifted))
+
+
+def carried_on(curve: MonotoneSpline, soc: Array) -> Array:
+    """Voltages of a curve up to beyond full, where it goes on with the slope that it has near there. [V]
+
+    A curve's own table ends an eighth above full; cells that are charged to 4.35 V reach further.
+    """
+    near, top = (float(np.asarray(curve.voltage(at))) for at in (_NEAR_FULL, 1.0))
+    slope = (top - near) / (1.0 - _NEAR_FULL)
+    within = np.asarray(curve.voltage(np.minimum(soc, 1.0)))
+    return np.asarray(within + slope * np.maximum(soc - 1.0, 0.0))
 
 
 def from_slow(experiment: Experiment, capacity_c: float) -> MonotoneSpline:

@@ -20,7 +20,7 @@ from bhm_service.battery.uncertainty import Uncertainty
 from bhm_service.errors import BadInputError
 from bhm_service.identification.assess import Assessment, assess, step_resistance
 from bhm_service.identification.choice import Progress
-from bhm_service.identification.curve import KNOTS, rising
+from bhm_service.identification.curve import KNOTS, carried_on, rising
 from bhm_service.identification.experiment import Experiment
 from bhm_service.identification.identify import Identified, ModelResult, Request, parameter_sd
 from bhm_service.identification.one_pack import FOREIGN_V, foreign
@@ -32,8 +32,8 @@ from bhm_service.identification.spread import not_told, spread
 from bhm_service.units import SECONDS_PER_HOUR, Array
 
 _RESTED_SOC_SD, _UNKNOWN_SOC = 0.05, (0.8, 0.2)
-_NEAR_FULL = 0.9  # from here on a curve's slope is that with which it is carried on
 _OVERFULL = 1.03  # a known curve that a rested pack is beyond by more is another chemistry's
+_MOST_FULL = 1.3  # times the charge of a known curve, that a pack may be full at
 _SPOILS = 0.6  # of the others' error without it: a flight that spoils the fit of the others more is of another pack
 _FEWEST_TO_JUDGE = 4  # flights: of fewer, which one is the stranger is not known
 _DOUBTS = 2
@@ -158,14 +158,9 @@ def _reaching(cell: CellModel, experiments: Sequence[Experiment]) -> MonotoneSpl
     """The known cell's curve; carried on where a rested pack was fuller than full (a LiPo charged to 4.35 V)."""
     curve = rising(KNOTS, np.asarray(cell.open_circuit(KNOTS)))
     most = max((e.rest_before or 0.0 for e in experiments), default=0.0)
-    top, near = (float(curve.voltage(soc)) for soc in (1.0, _NEAR_FULL))
-    slope = (top - near) / (1.0 - _NEAR_FULL)
-    full = 1.0 + (most - top) / slope
-    if full < _OVERFULL:
-        return curve
-    reached = KNOTS * full
-    beyond = top + slope * (reached - 1.0)
-    return rising(KNOTS, np.where(reached <= 1.0, np.asarray(curve.voltage(np.minimum(reached, 1.0))), beyond))
+    beyond = np.linspace(1.0, _MOST_FULL, 301)
+    full = float(np.interp(most, carried_on(curve, beyond), beyond))
+    return curve if full < _OVERFULL else rising(KNOTS, carried_on(curve, KNOTS * full))
 
 
 def _begin(experiment: Experiment, volts: Array) -> tuple[float, float]:

@@ -27,6 +27,7 @@ from scipy.optimize import least_squares
 from bhm_service.battery.battery_file import BatteryFile, read_battery, write_battery
 from bhm_service.battery.chem import X_N_MAX
 from bhm_service.battery.ocv import MonotoneSpline
+from bhm_service.identification.curve import carried_on
 from bhm_service.identification.generic_lipo import redlich_kister_fit
 from bhm_service.mavlink.log import read_log
 from bhm_service.mavlink.recording import Recording, record
@@ -38,7 +39,6 @@ _IDLE_A = 2.0  # the electronics draw less, a rotor more
 _KNOTS = (0.0, 0.04, 0.08, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.87, 0.94, 1.0)
 _BEND_SD_V, _ALIKE = 0.03, 0.2  # by which makes of cells differ, and over which charge they do so alike
 _REST_SD_V = 0.015  # of a rest: the gauge's percent, what still relaxes, packs of one make
-_NEAR_FULL = 0.9  # from here on the LiPo cell's curve has the slope with which it is carried on
 
 
 def rests(flights: Sequence[Recording], ohm: float) -> tuple[Array, Array]:
@@ -65,25 +65,18 @@ class ChargedHigher:
 
 def laid(known: MonotoneSpline, gauge: Array, volts: Array) -> ChargedHigher:
     """The known curve along rested voltages (n,) at what a gauge shows."""
-    top, near = (float(np.asarray(known.voltage(soc))) for soc in (1.0, _NEAR_FULL))
-    slope = (top - near) / (1.0 - _NEAR_FULL)
-
-    def carried(reached: Array) -> Array:
-        within = np.asarray(known.voltage(np.minimum(reached, 1.0)))
-        return np.where(reached <= 1.0, within, top + slope * (reached - 1.0))
-
     # Rests that lie close together tell no more than one.
     crowd = np.exp(-0.5 * ((gauge[:, None] - gauge[None, :]) / 0.02) ** 2).sum(axis=1)
 
     def off(numbers: Array) -> Array:
         span, reserve = numbers
-        return np.asarray((volts - carried(span * _charge(gauge, reserve))) / np.sqrt(crowd))
+        return np.asarray((volts - carried_on(known, span * _charge(gauge, reserve))) / np.sqrt(crowd))
 
     span, reserve = least_squares(off, (1.1, 0.02), bounds=((1.0, 0.0), (1.3, 0.2)), diff_step=1e-3).x
     at, knots = _charge(gauge, reserve), np.array(_KNOTS)
     noise = np.diag(_REST_SD_V**2 * crowd)
-    bend = _alike(knots, at) @ np.linalg.solve(_alike(at, at) + noise, volts - carried(span * at))
-    bent = carried(span * knots) + bend
+    bend = _alike(knots, at) @ np.linalg.solve(_alike(at, at) + noise, volts - carried_on(known, span * at))
+    bent = carried_on(known, span * knots) + bend
     curve = MonotoneSpline(_KNOTS, tuple(round(float(v), 5) for v in bent))
     return ChargedHigher(curve=curve, span=float(span), reserve=float(reserve))
 

@@ -99,7 +99,7 @@ class RecentLoad:
         """What to expect from here on; None before ten seconds of flight.
 
         The flight ahead may ask for more or less by as much as the minutes flown have departed from what was expected
-        when they began, and by a tenth as far as one minute's word goes. Flights of phases (96 recorded ones of three
+        when they began, and by a tenth as far as one minute's word goes. Flights of phases (90 recorded ones of three
         Matrice 100) go on departing by a tenth however long they last, a steady hover by less and less.
         """
         if self.weight_s < _SETTLED_S:
