@@ -10,7 +10,7 @@ from bhm_service.units import STANDARD_GRAVITY
 AIR_DENSITY = 1.225  # [kg/m^3] standard atmosphere at sea level
 _GAS_AIR = 287.05  # [J/(kg K)]
 _SETTLED_S = 10.0  # of flight before anything is expected
-_BLOCK_S = 60.0  # of flight whose mean is held against what was expected when it began
+_MINUTE_S = 60.0  # of flight whose mean is held against what was expected when it began
 _MEMORY_S = 3600.0  # of flight after which it counts less how steady the load was: other work, another pilot
 _UNFLOWN = 0.10  # of the mean: how far a flight ahead departs from it where nothing is known of that
 _STEADIEST = 0.033  # of the mean: nor is a load that never departed certain to go on
@@ -60,10 +60,10 @@ class RecentLoad:
     weight_s: float = 0.0  # time that mean and square rest on, forgotten
     mean_w: float = 0.0
     square: float = 0.0  # [W^2] mean squared deviation from the running mean
-    expected_w: float = 0.0  # what the running mean was when the block began that is being filled; 0: none has begun
-    block_s: float = 0.0  # time in that block
-    block_w: float = 0.0  # its mean
-    blocks: float = 0.0  # full blocks, forgotten
+    expected_w: float = 0.0  # what the running mean was when the minute began that is being flown; 0: none has begun
+    minute_s: float = 0.0  # time in that minute
+    minute_w: float = 0.0  # its mean
+    minutes: float = 0.0  # full ones, forgotten
     departed: float = 0.0  # sum of their squared departures from what was expected, as fractions of it, forgotten
 
     def add(self, power_w: float, dt: float) -> RecentLoad:
@@ -76,23 +76,23 @@ class RecentLoad:
         deviation = power_w - self.mean_w
         mean = self.mean_w + deviation * dt / weight
         square = (keep * self.weight_s * self.square + dt * deviation * (power_w - mean)) / weight
-        return replace(self, weight_s=weight, mean_w=mean, square=square)._block(power_w, dt)
+        return replace(self, weight_s=weight, mean_w=mean, square=square)._minute(power_w, dt)
 
-    def _block(self, power_w: float, dt: float) -> RecentLoad:
+    def _minute(self, power_w: float, dt: float) -> RecentLoad:
         if self.expected_w <= 0.0:
             return replace(self, expected_w=self.mean_w) if self.weight_s >= _SETTLED_S else self
-        block_s = self.block_s + dt
-        block_w = self.block_w + (power_w - self.block_w) * dt / block_s
-        if block_s < _BLOCK_S:
-            return replace(self, block_s=block_s, block_w=block_w)
-        forget = math.exp(-block_s / _MEMORY_S)
+        minute_s = self.minute_s + dt
+        minute_w = self.minute_w + (power_w - self.minute_w) * dt / minute_s
+        if minute_s < _MINUTE_S:
+            return replace(self, minute_s=minute_s, minute_w=minute_w)
+        forget = math.exp(-minute_s / _MEMORY_S)
         return replace(
             self,
             expected_w=self.mean_w,
-            block_s=0.0,
-            block_w=0.0,
-            blocks=forget * self.blocks + 1.0,
-            departed=forget * self.departed + (block_w / self.expected_w - 1.0) ** 2,
+            minute_s=0.0,
+            minute_w=0.0,
+            minutes=forget * self.minutes + 1.0,
+            departed=forget * self.departed + (minute_w / self.expected_w - 1.0) ** 2,
         )
 
     def load(self) -> Load | None:
@@ -104,7 +104,7 @@ class RecentLoad:
         """
         if self.weight_s < _SETTLED_S:
             return None
-        departure = math.sqrt((_UNFLOWN**2 + self.departed) / (1.0 + self.blocks))
+        departure = math.sqrt((_UNFLOWN**2 + self.departed) / (1.0 + self.minutes))
         return Load(
             mean_w=self.mean_w,
             mean_sd_w=max(departure, _STEADIEST) * self.mean_w,
