@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bhm_service.discrepancy.readings import before_unseen_landing, begun_under_load, of_a_part, without_spikes
+from bhm_service.discrepancy.readings import before_unseen_landing, of_a_part, without_spikes
 from bhm_service.discrepancy.sidecar import Notes
 from bhm_service.errors import BadInputError
 from bhm_service.mavlink.log import read_log
@@ -219,7 +219,7 @@ def _flight(
         return None, f"its current is not known for {gap:.0f} s"
     volts = without_spikes(recording.voltage_v[part], current)
     partial = of_a_part(volts, current)
-    volts[partial | begun_under_load(time_s, current)] = np.nan
+    volts[partial] = np.nan
     if not np.isfinite(volts).sum() > 20:
         return None, "has no measured voltage"
     used = float(np.ptp(np.concatenate([[0.0], np.cumsum(np.interp(time_s[1:], time_s[known], current[known])

@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import median_filter
 
-from bhm_service.mavlink.recording import unsettled
 from bhm_service.units import Array, Flags
 
 _SPIKE_SHARE = 0.08  # of the voltage: no load makes a pack jump so far and back within a sample
@@ -53,12 +52,6 @@ def of_a_part(voltage: Array, current: Array) -> Flags:
     highest = np.maximum.accumulate(median_filter(voltage[busy], _LASTS)[::-1])[::-1]
     later = np.append(highest, -np.inf)[np.searchsorted(busy, np.arange(voltage.size))]
     return np.asarray((flown < _IDLE * load) & (voltage < _ABOVE * later))
-
-
-def begun_under_load(time_s: Array, current: Array) -> Flags:
-    """Readings before a pack has settled whose recording begins in flight."""
-    flown = np.nan_to_num(current)
-    return unsettled(time_s, flown > _LOADED * _load(flown))
 
 
 def before_unseen_landing(time_s: Array, current: Array) -> int:

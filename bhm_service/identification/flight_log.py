@@ -9,12 +9,15 @@ import numpy as np
 from bhm_service.errors import BadInputError
 from bhm_service.identification.experiment import Experiment, Kind
 from bhm_service.mavlink.log import Log
-from bhm_service.mavlink.recording import Recording, record, unsettled
+from bhm_service.mavlink.recording import Recording, record
 from bhm_service.units import SECONDS_PER_HOUR, Flags
 
 _CELL_V = (2.0, 4.5)  # [V] a reading outside is a fault of the link
 _GAP_S, _GAP_SAMPLES = 60.0, 6.0  # a longer interruption under load has lost count of the charge
 _LOADED = 0.2  # of the largest current
+# A log that begins in flight does not tell how long the load had been there, so what relaxes within minutes is between
+# rest and settled: for so long, or such a share of a short log, its voltage is left out.
+_SETTLES_S, _SETTLING = 120.0, 0.125
 _LEAST_OUT = 0.02  # of the capacity: a shorter piece tells nothing
 _LEAST_SAMPLES = 10
 
@@ -62,7 +65,8 @@ def _experiment(recording: Recording, piece: Flags, series: int) -> Experiment:
     loaded = amps > _LOADED * amps.max()
     # A pack at rest shows more than under load: else the flight controller ran from something else.
     volts[~loaded & (volts < np.nanmedian(volts[loaded]))] = np.nan
-    volts[unsettled(t, loaded)] = np.nan
+    if loaded[0]:
+        volts[t - t[0] < min(_SETTLES_S, _SETTLING * (t[-1] - t[0]))] = np.nan
     kelvin = recording.temperature_k[piece]
     warm = np.isfinite(kelvin)
     return Experiment(

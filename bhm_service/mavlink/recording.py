@@ -17,11 +17,10 @@ from bhm_service.telemetry import (
     default_airborne_a,
     resting_a,
 )
-from bhm_service.units import SECONDS_PER_HOUR, Array, Flags
+from bhm_service.units import SECONDS_PER_HOUR, Array
 
 # Since its boot: until then a board is about as warm as what is around it. Later it is its own warmth, 15 to 25 K.
 _COLD_S = 120.0
-_SETTLES_S, _SETTLING = 120.0, 0.125  # under a load; and of a recording
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,16 +76,6 @@ def battery_ids(messages: Iterable[Message]) -> set[int]:
     for message in messages:
         heard = merger.add(message) is not None or heard
     return merger.ids | ({0} if heard else set())
-
-
-def unsettled(time_s: Array, loaded: Flags) -> Flags:
-    """Samples (T,) of a recording that begins under load in which what relaxes within minutes is at nobody knows what.
-
-    How long the load had been there before is not told, so a pack is between rest and settled for two minutes. Of a
-    short recording no more than an eighth is given away for that.
-    """
-    since_s = time_s - time_s[0]
-    return np.asarray(loaded[0] & (since_s < min(_SETTLES_S, _SETTLING * since_s[-1])))
 
 
 def record(log: Log, battery_id: int, series: int, capacity_c: float, airborne_a: float | None = None) -> Recording:

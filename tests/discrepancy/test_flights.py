@@ -163,18 +163,6 @@ def test_other_gaps_leave_a_flight_as_long_as_it_was(read, gap):
     assert flight.time_s.size == rows["t_s"].size
 
 
-@pytest.mark.parametrize(("seconds", "unsettled_s"), [(240.0, 17.9), (1500.0, 120.0)])
-def test_of_a_log_that_begins_in_flight_the_voltage_tells_nothing_before_it_has_settled(read, seconds, unsettled_s):
-    """How long the load had been there is in no log; the charge is counted all the same."""
-    rows = without_rows(columns(seconds=seconds, amps=8.0), 0, 95)
-    (flight,), left_out = read(rows)
-    assert not left_out
-    unread = np.isnan(flight.voltage_v)
-    at_s = flight.time_s
-    assert np.array_equal(unread, at_s < unsettled_s)
-    assert np.isfinite(flight.current_a).all()
-
-
 def test_temperature_in_whole_degrees_is_smoothed_without_delay(read):
     t = columns(900.0)["t_s"]
     true = 15.0 + 15.0 * (1.0 - np.exp(-t / 400.0))
