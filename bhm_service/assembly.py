@@ -44,20 +44,18 @@ class Equipment:
     def series(self) -> int:
         """Cells in series; BadInputError when neither file says, and when they contradict each other."""
         ours, own = self.vehicle.battery.series, self.battery.series
-        if self._is_its_pack:
-            assert own is not None
-            return own
-        if ours is None:
+        series = own if self._is_its_pack else ours
+        if series is None:
             raise BadInputError(
                 self.vehicle.name,
                 "battery.series is missing, and the battery file is of a single cell: how many are in series?",
             )
-        if own is not None and own > 1:
+        if own not in (None, 1, series):
             raise BadInputError(
-                self.battery.name, f"is a pack of {own} cells, and {self.vehicle.name} has {ours} in series",
+                self.battery.name, f"is a pack of {own} cells, and {self.vehicle.name} has {series} in series",
                 "another battery file, or take series out of this one if the pack is built from such cells",
             )  # fmt: skip
-        return ours
+        return series
 
     @property
     def capacity_c(self) -> float:

@@ -12,7 +12,6 @@ import numpy as np
 
 from bhm_service.assembly import Equipment
 from bhm_service.battery.battery_file import BatteryFile, read_battery
-from bhm_service.battery.cell import CellModel
 from bhm_service.config import BatterySettings, Vehicle, shipped
 from bhm_service.mavlink.log import Log
 from bhm_service.mavlink.recording import battery_ids
@@ -81,8 +80,7 @@ def guess_vehicle(messages: Iterable[Message], battery_id: int | None, name: str
     reasons.append(f"{series} cells in series, from {why}")
     # PX4's percentage follows the voltage under load: it is no measure of charge.
     gauge_measures = merger.kind is not AutopilotKind.PX4
-    cell = read_battery(shipped("batteries", battery)).cell("circ")
-    capacity_ah, why, sd = _capacity(samples, parameters, battery_id, series, gauge_measures, cell)
+    capacity_ah, why, sd = _capacity(samples, parameters, battery_id, series, gauge_measures, battery)
     reasons.append(f"{capacity_ah:.1f} Ah, from {why}")
     return Guess(
         Vehicle(
@@ -151,13 +149,13 @@ def _capacity(
     battery_id: int,
     series: int,
     gauge_measures: bool,
-    cell: CellModel,
+    battery: str,
 ) -> tuple[float, str, float]:
     """Capacity [Ah], what it comes from, and how well it is known."""
     told = _told_capacity_mah(parameters, battery_id)
     if told is not None:
         return told[0] / 1000.0, told[1], 0.05
-    by_rest = _capacity_by_rest(samples, series, cell)
+    by_rest = _capacity_by_rest(samples, series, battery)
     if by_rest is not None:
         capacity_ah, sd = by_rest
         return capacity_ah, "the charge counted between two rests and their voltages", sd
@@ -179,7 +177,7 @@ def _charge(samples: list[BatterySample]) -> float:
     return sum(0.5 * (i + j) * (t - s) for (s, i), (t, j) in pairwise(known) if 0.0 < t - s < 60.0)
 
 
-def _capacity_by_rest(samples: list[BatterySample], series: int, cell: CellModel) -> tuple[float, float] | None:
+def _capacity_by_rest(samples: list[BatterySample], series: int, battery: str) -> tuple[float, float] | None:
     """Charge between the rest before the first load and the rest after the last, over the fall of the curve."""
     known = [s for s in samples if s.current_a is not None and s.voltage_v is not None]
     if not known:
@@ -193,6 +191,7 @@ def _capacity_by_rest(samples: list[BatterySample], series: int, cell: CellModel
     rested_s = known[-1].time_s - known[last].time_s
     if len(before) < 3 or len(after) < 3 or rested_s < _REST_S:
         return None
+    cell = read_battery(shipped("batteries", battery)).cell("circ")
     grid = np.linspace(0.0, 1.0, 501)
     curve = np.asarray(cell.open_circuit(grid))
     start, end = (

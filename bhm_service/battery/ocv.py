@@ -46,7 +46,8 @@ class CubicCapacitance:
 class MonotoneSpline:
     """A shape-preserving cubic (Fritsch & Carlson 1980) through knots that must rise.
 
-    ``soc`` and ``volts`` are the knots, rising; outside them the curve goes on straight with its end slope.
+    ``soc`` and ``volts`` are the knots, rising; outside them the curve goes on straight with its end slope, for an
+    eighth of the charge, and is level from there.
     Raises ValueError if the knots do not rise.
     """
 

@@ -15,9 +15,10 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from rich.table import Table
 
 from bhm_service.battery.battery_file import MODELS, ModelName, read_battery, write_battery
+from bhm_service.config import shipped
 from bhm_service.discrepancy.lab_errors import with_lab_errors
 from bhm_service.errors import BadInputError
-from bhm_service.guess import GENERIC_LIHV, guess_vehicle
+from bhm_service.guess import GENERIC_BATTERY, GENERIC_LIHV, guess_vehicle
 from bhm_service.identification.bench import Bench, read_bench, read_held_out
 from bhm_service.identification.bench_table import QUANTITIES, Reading
 from bhm_service.identification.experiment import Discharge, Experiment, Kind, discharges
@@ -185,17 +186,15 @@ def _known_before(task: Task, logs: Sequence[Log]) -> tuple[Path, int, float, fl
     guesses = [guess_vehicle((m for _, m in log.messages), task.reading.battery_id, log.path.stem) for log in logs]
     told = [g for g in guesses if g.capacity_told] or guesses
     reasons = [] if task.reading.series and task.capacity_ah else [f"guessed: {'; '.join(told[0].reasons)}"]
-    file = guesses[0].vehicle.battery.file
-    for guess, log in zip(guesses, logs, strict=True):
-        if guess.vehicle.battery.file.endswith(GENERIC_LIHV):  # one full pack tells what the others are charged to
-            file = guess.vehicle.battery.file
-            reasons.append(f"LiHV cells, charged to 4.35 V, by {log.path.name}")
-            break
+    # One full pack tells what the others are charged to.
+    lihv = [log for guess, log in zip(guesses, logs, strict=True) if guess.vehicle.battery.file.endswith(GENERIC_LIHV)]
+    reasons += [f"LiHV cells, charged to 4.35 V, by {log.path.name}" for log in lihv[:1]]
+    file = shipped("batteries", GENERIC_LIHV if lihv else GENERIC_BATTERY)
     series = task.reading.series or told[0].vehicle.battery.series or 1
     if task.capacity_ah is not None:
-        return Path(file), series, task.capacity_ah, _TOLD_SD, reasons
+        return file, series, task.capacity_ah, _TOLD_SD, reasons
     capacity_ah = float(np.median([g.vehicle.battery.capacity_ah or 5.0 for g in told]))
-    return Path(file), series, capacity_ah, _PARAMETER_SD if told[0].capacity_told else _GUESSED_SD, reasons
+    return file, series, capacity_ah, _PARAMETER_SD if told[0].capacity_told else _GUESSED_SD, reasons
 
 
 def _read(path: Path, kind: Kind, reading: Reading, said: Said) -> list[Bench]:

@@ -11,6 +11,8 @@ cells), with the percentage of the pack's own gauge, which counts charge. From t
   3.62 V, where no curve is near its end);
 - what is left is a smooth bend: there are many rests near full, some between 38 and 66 % and below 12 %, and none
   between, where the curve keeps its shape;
+- it has seen these flights, so how well it tells their charge is shown by cells made without the vehicle looked at
+  (`tests/test_real_flights.py`);
 - resistances, kinetics and diffusion are the LiPo cell's: an ampere does the same to a cell that is charged higher.
 """
 
@@ -38,6 +40,7 @@ _RESTED_S = 120.0  # after the last load
 _IDLE_A = 2.0  # the electronics draw less, a rotor more
 _KNOTS = (0.0, 0.04, 0.08, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.87, 0.94, 1.0)
 _BEND_SD_V, _ALIKE = 0.03, 0.2  # by which makes of cells differ, and over which charge they do so alike
+_TOGETHER = 0.02  # [-] rests of charges that differ by less tell the same
 _REST_SD_V = 0.015  # of a rest: the gauge's percent, what still relaxes, packs of one make
 
 
@@ -66,7 +69,7 @@ class ChargedHigher:
 def laid(known: MonotoneSpline, gauge: Array, volts: Array) -> ChargedHigher:
     """The known curve along rested voltages (n,) at what a gauge shows."""
     # Rests that lie close together tell no more than one.
-    crowd = np.exp(-0.5 * ((gauge[:, None] - gauge[None, :]) / 0.02) ** 2).sum(axis=1)
+    crowd = _near(gauge, gauge, _TOGETHER).sum(axis=1)
 
     def off(numbers: Array) -> Array:
         span, reserve = numbers
@@ -75,7 +78,8 @@ def laid(known: MonotoneSpline, gauge: Array, volts: Array) -> ChargedHigher:
     span, reserve = least_squares(off, (1.1, 0.02), bounds=((1.0, 0.0), (1.3, 0.2)), diff_step=1e-3).x
     at, knots = _charge(gauge, reserve), np.array(_KNOTS)
     noise = np.diag(_REST_SD_V**2 * crowd)
-    bend = _alike(knots, at) @ np.linalg.solve(_alike(at, at) + noise, volts - carried_on(known, span * at))
+    alike, at_knots = (_BEND_SD_V**2 * _near(charge, at, _ALIKE) for charge in (at, knots))
+    bend = at_knots @ np.linalg.solve(alike + noise, volts - carried_on(known, span * at))
     bent = carried_on(known, span * knots) + bend
     curve = MonotoneSpline(_KNOTS, tuple(round(float(v), 5) for v in bent))
     return ChargedHigher(curve=curve, span=float(span), reserve=float(reserve))
@@ -85,16 +89,15 @@ def _charge(gauge: Array, reserve: float) -> Array:
     return reserve + (1.0 - reserve) * gauge
 
 
-def _alike(one: Array, other: Array) -> Array:
-    return np.asarray(_BEND_SD_V**2 * np.exp(-0.5 * ((one[:, None] - other[None, :]) / _ALIKE) ** 2))
+def _near(one: Array, other: Array, within: float) -> Array:
+    """How near charges (n,) and (m,) are to each other; (n, m)."""
+    return np.asarray(np.exp(-0.5 * ((one[:, None] - other[None, :]) / within) ** 2))
 
 
-def charged_higher(lipo: BatteryFile, flights: Sequence[Recording]) -> BatteryFile:
-    """The LiPo cell with the curve that flights of packs charged higher show at rest."""
+def charged_higher(lipo: BatteryFile, found: ChargedHigher) -> BatteryFile:
+    """The LiPo cell with the curve that rests of packs charged higher have shown."""
     assert lipo.circ is not None
     assert lipo.chem is not None
-    assert isinstance(lipo.circ.ocv, MonotoneSpline)
-    found = laid(lipo.circ.ocv, *rests(flights, float(np.asarray(lipo.circ.r_s))))
     circ = replace(lipo.circ, ocv=found.curve, c_max=float(np.asarray(lipo.circ.c_max)) * found.span)
     u_0, a_p = redlich_kister_fit(circ)
     chem = replace(lipo.chem, q_max=float(np.asarray(circ.c_max)) / X_N_MAX, u_0=u_0, a_p=a_p)
@@ -123,8 +126,7 @@ def main() -> None:
         f"{gauge.size} rests, RMSE {1e3 * np.sqrt(np.mean(off**2)):.1f} mV a cell; {found.span:.3f} times the charge, "
         f"{found.reserve:.1%} of it left where the gauge shows none"
     )
-    battery = charged_higher(lipo, flights)
-    write_battery(folder / "generic-lihv.toml", battery)
+    write_battery(folder / "generic-lihv.toml", charged_higher(lipo, found))
 
 
 if __name__ == "__main__":
