@@ -184,7 +184,7 @@ class PackModel:
             if self.has_feedback:
                 before = (*map(solver.begin, start[:n], cell), *before[n:])
                 losses = self._losses(before, begin, known, by)
-            interval = Interval(begin, end, by, before[0], known, losses, self.cell)
+            interval = Interval(begin, end, by, solver.begin(start[0], cell[0]), known, losses, self.cell)
             for effect, where in self._moving:
                 ends[where] = effect.advance(solver, start[where], interval)
         return tuple(ends)

@@ -13,6 +13,7 @@ from bhm_service.battery.effects import (
     DoubleLayer,
     Effect,
     FullChargeResistance,
+    GraphiteLag,
     ResistanceTemperature,
     SlowDiffusion,
     SurfaceLag,
@@ -44,6 +45,17 @@ PARTS: Final = (
     Part("slower", SlowDiffusion, {"resistance": "slower_resistance", "time_constant": "slower_time"}),
     Part("full", FullChargeResistance, {"resistance": "full_resistance", "width": "full_width"}),
     Part("fast", DoubleLayer, {"exchange_current": "fast_current", "time_constant": "fast_time"}),
+    Part(
+        "graphite",
+        GraphiteLag,
+        {
+            "time_constant": "graphite_time",
+            "steepness": "graphite_steepness",
+            "share": "graphite_share",
+            "empty": "graphite_empty",
+            "full": "graphite_full",
+        },
+    ),
     Part("surface", SurfaceLag, {"time_constant": "surface_time", "share": "surface_share"}),
 )
 """In the order of their states in a pack; `CircFamily` reads those of the last."""
@@ -58,6 +70,7 @@ class Extras:
     slower: bool = False  # a second pair: diffusion lasts from seconds to an hour
     full: bool = False  # resistance that grows towards full charge
     fast: bool = False  # charge transfer within seconds
+    graphite: bool = False  # lithium that lags at the surface of graphite
     surface: bool = False  # charge that lags at the particles' surface
     names: ClassVar[tuple[str, ...]] = tuple(name for part in PARTS for name in part.unknowns.values())
 
@@ -83,6 +96,10 @@ class Extras:
         if self.fast:
             found.append(positive("fast_current", 2.0 * rate, 0.02 * rate, 500.0 * rate, 6.0))
             found.append(positive("fast_time", 1.0, 0.05, 10.0, 3.0))
+        if self.graphite:
+            found.append(positive("graphite_time", 200.0, 2.0, 2e4, 4.0))
+            found.append(positive("graphite_share", 1.0, 0.01, 8.0, 2.0))
+            found += [_as_declared(GraphiteLag, name, "graphite_") for name in ("steepness", "empty", "full")]
         if self.surface:
             found.append(positive("surface_time", 60.0, 2.0, 3000.0, 3.0))
             found.append(positive("surface_share", 0.5, 1e-3, 5.0, 3.0))
@@ -98,9 +115,11 @@ class Extras:
         return tuple(Joined(effect=part.effect(**part.of(one)), model=model, sd=part.of(sd)) for part in self._parts)
 
 
-def _as_declared(effect: type[Effect], name: str) -> Block:
-    """A number of an effect with the range and the prior that the effect declares, in its unit."""
+def _as_declared(effect: type[Effect], name: str, prefix: str = "") -> Block:
+    """A number of an effect with the range and the prior that the effect declares, in its unit; named with a prefix."""
     (told,) = (p for p in parameters_of(effect) if p.name == name)
     assert told.prior is not None
     mean, sd = told.prior
-    return replace(numbers(name, np.array([mean]), sd, np.inf), low=np.array([told.low]), high=np.array([told.high]))
+    return replace(
+        numbers(prefix + name, np.array([mean]), sd, np.inf), low=np.array([told.low]), high=np.array([told.high])
+    )

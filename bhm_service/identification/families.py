@@ -114,7 +114,7 @@ class CircFamily(Family):
     """Circ around a curve: as a spline that may bend, or as the paper's cubic."""
 
     name = "circ"
-    time_constants = ("c_sp", "slow_time", "slower_time", "surface_time")
+    time_constants = ("c_sp", "slow_time", "slower_time", "graphite_time", "surface_time")
     shaping = ("bends", "v_0", "cubic")
     ocv: Literal["spline", "cubic"] = "spline"
 

@@ -13,6 +13,7 @@ from bhm_service.battery.battery_file import read_battery
 from bhm_service.battery.effects import (
     DoubleLayer,
     FullChargeResistance,
+    GraphiteLag,
     ResistanceTemperature,
     SlowDiffusion,
     SurfaceLag,
@@ -33,6 +34,7 @@ HOUR = SlowDiffusion(resistance=0.012, time_constant=4000.0)
 FULL = FullChargeResistance(resistance=0.004, width=0.1)
 FAST = DoubleLayer(exchange_current=2.0, time_constant=1.5)
 LAG = SurfaceLag(time_constant=80.0, share=0.8)
+GRAPHITE = GraphiteLag(time_constant=300.0, steepness=4.0, share=1.0, empty=0.02, full=0.8)
 COLD = ResistanceTemperature(activation_energy=20e3)
 
 
@@ -67,6 +69,7 @@ def test_nothing_joins_a_cell_that_lacks_nothing():
     assert not family.extras.slow
     assert not family.extras.full
     assert not family.extras.fast
+    assert not family.extras.graphite
     assert error == pytest.approx(NOISE_V, rel=0.3)
     assert any("slow diffusion: left out" in said for said in remarks)
 
@@ -112,6 +115,37 @@ def test_no_charge_lags_at_the_surface_of_a_cell_whose_curve_has_its_steps_under
     family, _, remarks = chosen(bench(ocv=with_steps()))
     assert not family.extras.surface
     assert any("surface: left out" in said for said in remarks)
+
+
+def test_lithium_that_lags_at_the_surface_of_graphite_joins_where_it_does():
+    family, error, remarks = chosen(bench(GRAPHITE))
+    assert family.extras.graphite
+    assert not family.extras.slow
+    assert error == pytest.approx(NOISE_V, rel=0.5)
+    assert any("surface of graphite: joins" in said for said in remarks)
+
+
+@pytest.mark.parametrize("agreed", [True, False])
+@pytest.mark.parametrize(
+    ("pieces_mv", "flown_mv", "full_mv", "joins"),
+    [(4.7, 3.7, 9.0, True), (4.7, 3.8, 1.0, False), (4.8, 1.0, 1.0, False)],
+)
+def test_the_lag_of_graphite_joins_where_it_foretells_a_varying_load_by_a_quarter_better(
+    monkeypatch, pieces_mv, flown_mv, full_mv, joins, agreed
+):
+    def pieces(problem):
+        graphite = problem.family.extras.graphite
+        return Unseen(0.005, 1e-3 * pieces_mv if graphite else 0.005, 0.001, True, agreed)
+
+    def others(problem):
+        graphite = problem.family.extras.graphite
+        return {1: 1e-3 * full_mv if graphite else 0.005, 2: 1e-3 * flown_mv if graphite else 0.005}
+
+    monkeypatch.setattr("bhm_service.identification.choice.unseen_error", pieces)
+    monkeypatch.setattr("bhm_service.identification.choice.foretold", others)
+    family, _, remarks = chosen(bench())
+    assert family.extras.graphite is joins
+    assert any("surface of graphite" in said and "foretold" in said for said in remarks) is (pieces_mv < 4.75)
 
 
 @pytest.mark.parametrize(("step_v", "joins"), [(0.0, False), (0.02, True)])

@@ -12,6 +12,7 @@ from bhm_service.battery.effects.current_sensor import CurrentGain, CurrentOffse
 from bhm_service.battery.effects.double_layer import DoubleLayer
 from bhm_service.battery.effects.entropic_voltage import EntropicVoltage
 from bhm_service.battery.effects.full_charge import FullChargeResistance
+from bhm_service.battery.effects.graphite_lag import GraphiteLag
 from bhm_service.battery.effects.hysteresis import Hysteresis
 from bhm_service.battery.effects.rate_capacity import RateCapacity
 from bhm_service.battery.effects.resistance_temperature import ResistanceTemperature
@@ -33,7 +34,7 @@ _ALL: tuple[type[Effect], ...] = (
 EFFECTS: dict[str, type[Effect]] = {effect.id: effect for effect in _ALL}
 """What may be found missing: the catalogue."""
 KNOWN: dict[str, type[Effect]] = {
-    **EFFECTS, **{effect.id: effect for effect in (DoubleLayer, FullChargeResistance, SurfaceLag)},
+    **EFFECTS, **{effect.id: effect for effect in (DoubleLayer, FullChargeResistance, GraphiteLag, SurfaceLag)},
 }  # fmt: skip
 """What a battery file may hold: the catalogue, and what a lab alone adds to a cell model."""
 
@@ -51,6 +52,7 @@ __all__ = [
     "Effect",
     "EntropicVoltage",
     "FullChargeResistance",
+    "GraphiteLag",
     "Hysteresis",
     "IntermittentContact",
     "OcvShape",

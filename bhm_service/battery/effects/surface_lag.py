@@ -7,19 +7,9 @@ from typing import ClassVar
 
 from bhm_service.battery.dynamics import Solver
 from bhm_service.battery.effects.base import Effect, Interval, Spread
+from bhm_service.battery.effects.sphere import MODES, STEADY, surface
 from bhm_service.battery.parameters import parameter
 from bhm_service.units import Value
-
-# Modes of diffusion in a sphere under a steady flux (Crank 1975, eq. 6.45): of lambda = tan(lambda) the first two, each
-# with 10 / lambda^2 of the steady difference between surface and mean, and all others as one, of their mean time.
-_FIRST, _SECOND = 4.493409458, 7.725251837
-_SHARES = (10.0 / _FIRST**2, 10.0 / _SECOND**2, 1.0 - 10.0 / _FIRST**2 - 10.0 / _SECOND**2)
-_TIMES = (
-    1.0,
-    (_FIRST / _SECOND) ** 2,
-    (_FIRST**2 / 35.0 - _SHARES[0] - _SHARES[1] * (_FIRST / _SECOND) ** 2) / _SHARES[2],
-)
-_STEADY = _FIRST**2 / 15.0  # times the time constant times the rate at which charge goes: what the surface lags by
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,17 +35,15 @@ class SurfaceLag(Effect):
     share: Value = parameter("a_z", "1", 0.0, 10.0, "of what one particle lags by that the cell's curve shows")
 
     def start(self) -> tuple[Value, ...]:
-        return (0.0, 0.0, 0.0)
+        return (0.0,) * MODES
 
     def spread(self) -> tuple[Spread, ...]:
-        return (Spread(0.003, 1e-5),) * 3
+        return (Spread(0.003, 1e-5),) * MODES
 
     def advance(self, solver: Solver, start: tuple[Value, ...], interval: Interval) -> tuple[Value, ...]:
         tau = self.time_constant / interval.by.diffusion
-        per_ampere = self.share * _STEADY * tau / (interval.cell.capacity_c * interval.by.capacity)
-        begin, end = per_ampere * interval.begin, per_ampere * interval.end
-        modes = zip(start, _SHARES, _TIMES, strict=True)
-        return tuple(solver.lag(own, part * begin, part * end, times * tau) for own, part, times in modes)
+        per_ampere = self.share * STEADY * tau / (interval.cell.capacity_c * interval.by.capacity)
+        return surface(solver, start, per_ampere * interval.begin, per_ampere * interval.end, tau)
 
     def curve_lag(self, state: tuple[Value, ...]) -> Value:
         return state[0] + state[1] + state[2]

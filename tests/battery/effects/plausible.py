@@ -11,6 +11,7 @@ GIVEN = {
     "intermittent-contact": {"begin": 120.3, "end": 300.7},
     "self-discharge": {"storage": 12 * 86400.0},
     "capacity-fade": {"age": 1.3},
+    "graphite-lag": {"time_constant": 200.0, "steepness": 3.0, "share": 1.0, "empty": 0.02, "full": 0.85},
     "surface-lag": {"time_constant": 120.0, "share": 1.0},
     "self-heating": {"ambient": 281.0, "start_above": 5.0, "heat_capacity": 450.0, "conductance": 1.2},
 }

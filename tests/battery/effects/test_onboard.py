@@ -43,7 +43,8 @@ def remaining(pack, states, kelvin):
 @pytest.mark.parametrize(
     "name",
     ["capacity-fade", "cold-capacity", "unseen-load", "current-gain", "current-offset", "voltage-offset",
-     "rate-capacity", "slow-diffusion", "resistance-temperature", "surface-lag"],
+     "rate-capacity", "slow-diffusion", "resistance-temperature", "surface-lag",
+     "graphite-lag"],
 )  # fmt: skip
 def test_flying_time_is_at_least_twice_as_near_with_the_effect_as_without(name):
     effects = joined(KNOWN[name], **sizes(KNOWN[name]))
