@@ -184,7 +184,8 @@ class PackModel:
             if self.has_feedback:
                 before = (*map(solver.begin, start[:n], cell), *before[n:])
                 losses = self._losses(before, begin, known, by)
-            interval = Interval(begin, end, by, solver.begin(start[0], cell[0]), known, losses, self.cell)
+            soc = before[0] if self.has_feedback else solver.begin(start[0], cell[0])
+            interval = Interval(begin, end, by, soc, known, losses, self.cell)
             for effect, where in self._moving:
                 ends[where] = effect.advance(solver, start[where], interval)
         return tuple(ends)

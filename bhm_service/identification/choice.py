@@ -4,11 +4,11 @@ An addition has to lower the error on unseen pieces by a twentieth, and both hal
 size. Where they do not, it has to lower that error by a quarter if it is over with a piece, and to foretell every
 recording under load better by the others if it may last for longer: what is known only loosely of its size stands in
 its standard deviations. Graphite's lag bends with the load and the charge, and is carried on far: it has to foretell a
-varying load by the other recordings better by a quarter as well. What is over within seconds is judged by the error
-from one sample to the next alone. What makes a model follow steps of the curve (charge that lags at the surface; what
-Chem's series leaves of the curve) is held against its absence with all that joins beside either. That resistance
-follows temperature, and by how much, is known of lithium-ion cells before: it joins unless it does harm, or is of
-another size: then something else goes with the temperature here.
+varying load (where none was recorded, every load) by the other recordings better by a quarter as well. What is over
+within seconds is judged by the error from one sample to the next alone. What makes a model follow steps of the curve
+(charge that lags at the surface; what Chem's series leaves of the curve) is held against its absence with all that
+joins beside either. That resistance follows temperature, and by how much, is known of lithium-ion cells before: it
+joins unless it does harm, or is of another size: then something else goes with the temperature here.
 """
 
 from __future__ import annotations

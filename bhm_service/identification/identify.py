@@ -35,7 +35,7 @@ _COARSE = 500  # samples of a recording where forms are compared
 _STRAINED = 5.0  # times what was known of the charge that a recording begins with
 _STAGES = {"one-C": (Kind.ONE_C, Kind.RATE), "variable": (Kind.VARIABLE, Kind.PULSES)}
 _DOUBTS = 2  # rounds in which far samples come to count less
-_IN_BOTH_FORMS = {"circ": 12, "chem": 7}  # steps more, for what joins beside that which follows steps of a curve
+_IN_BOTH_FORMS = {"circ": 20, "chem": 7}  # steps more, for what joins beside that which follows steps of a curve
 _VOLTAGE_ERROR = (0.003, 0.1)  # [V] what a battery file may claim
 _BENCH_V = 0.001  # [V] of a cell: closer than that no two recordings of one are
 

@@ -24,7 +24,7 @@ from bhm_service.config import shipped
 from bhm_service.identification.choice import choose
 from bhm_service.identification.experiment import Experiment, Kind
 from bhm_service.identification.families import ChemFamily, CircFamily
-from bhm_service.identification.identify import Request, identify
+from bhm_service.identification.identify import Request, identify, steps
 from bhm_service.identification.premises import premises_of, problem_for
 from bhm_service.identification.unseen import Unseen, foretold, unseen_error
 from bhm_service.units import REFERENCE_TEMPERATURE_K
@@ -340,6 +340,27 @@ def test_a_recording_is_foretold_by_the_others_to_the_noise_by_the_right_model_o
     assert list(lacking) == list(right) == [1, 2]
     assert max(right.values()) < 2.0 * NOISE_V < min(lacking.values())
     assert foretold(problem_for(family, (slow_, variable_), premises)) == {}
+
+
+def test_progress_is_never_reported_more_often_than_was_said_however_late_an_addition_joins(monkeypatch):
+    def pieces(problem):
+        """What is asked first joins last: everything is asked as often as it can be."""
+        extras = problem.family.extras
+        joined = [extras.slow, extras.full, extras.fast, extras.graphite]
+        in_order = joined == sorted(joined, reverse=True)
+        error = 0.02 * 0.5 ** sum(joined) * (0.9 if extras.surface else 1.0) if in_order else 0.05
+        return Unseen(error, error, error, True, True)
+
+    def others(problem):
+        extras = problem.family.extras
+        return dict.fromkeys((1, 2), 0.02 * 0.5**extras.graphite * 0.5**extras.slower)
+
+    monkeypatch.setattr("bhm_service.identification.choice.unseen_error", pieces)
+    monkeypatch.setattr("bhm_service.identification.choice.foretold", others)
+    request, said = Request(experiments=bench(ocv=CUBIC), series=1, models=("circ",)), []
+    (result,) = identify(request, said.append).results
+    assert {"graphite-lag", "slow-diffusion"} < {j.effect.id for j in result.joined}
+    assert len(said) <= steps(request)
 
 
 @pytest.mark.parametrize(("kind", "told_v"), [(Kind.VARIABLE, 0.004), (Kind.RATE, None)])
