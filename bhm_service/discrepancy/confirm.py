@@ -106,39 +106,56 @@ class Unseen:
 
 
 def harmful(unseen: Unseen, names: Names) -> bool:
-    """Whether the set predicts unseen flights no better than the battery as it is, or worse than without a member."""
+    """Whether the set predicts unseen flights no better than the battery as it is, or worse than without a member.
+
+    At the charges that other flights show: what a lab is off by beyond them nothing has learnt, effect or none.
+    """
     found = unseen.found
     if not names or len(found.base.flights) < _FEWEST:
         return False
-    whole = _error(found, unseen.by(names))
+    measured_v = _at_charges_of_others(found, names)
+
+    def flights(modelled: list[Array]) -> tuple[LeftOutFlight, ...]:
+        ways = zip(found.base.flights, modelled, measured_v, strict=True)
+        return tuple(LeftOutFlight(f.label, v, v, v, known, _unseen_from(f)) for f, v, known in ways)
+
+    def error(modelled: list[Array]) -> float:
+        return HeldOut(flights(modelled)).after_v
+
+    whole = error(unseen.by(names))
     brief = names <= BRIEF
     little = brief or found.measured(names)
-    worse = whole > (_NO_WORSE if little else _IMPROVED) * _error(found, unseen.as_it_is())
-    if worse and not (brief and _no_worse_as_a_rule(unseen, names)):
+    worse = whole > (_NO_WORSE if little else _IMPROVED) * error(unseen.as_it_is())
+    if worse and not (brief and _no_worse_as_a_rule(flights(unseen.by(names)), flights(unseen.as_it_is()))):
         return True
     earned = found.earned(names)
     # Without a member that the flights ask for loudly, the lab's errors are bent far out to take its place.
     faint = [m for m in names if earned[m] < _FAINT * NATS]
-    return len(names) > 1 and any(_error(found, unseen.by(names - {m})) < (1.0 - _BETTER) * whole for m in faint)
+    return len(names) > 1 and any(error(unseen.by(names - {m})) < (1.0 - _BETTER) * whole for m in faint)
 
 
-def _no_worse_as_a_rule(unseen: Unseen, names: Names) -> bool:
+def _at_charges_of_others(found: Search, names: Names) -> list[Array]:
+    """The measured voltages of each flight where another one comes to that charge as well, else NaN. [V]
+
+    All of them of a flight that others share no charge with after its first quarter.
+    """
+    at = found.fitted(names)
+    courses = [flight.soc for flight in at.joint.all_predicted(at.x[None, :])]
+    kept = []
+    for k, (data, soc) in enumerate(zip(found.base.flights, courses, strict=True)):
+        others = np.concatenate([course for j, course in enumerate(courses) if j != k])
+        shared = np.where((soc >= others.min()) & (soc <= others.max()), data.voltage_v, np.nan)
+        kept.append(shared if np.isfinite(shared[_unseen_from(data) :]).any() else data.voltage_v)
+    return kept
+
+
+def _no_worse_as_a_rule(by_them: Sequence[LeftOutFlight], as_it_is: Sequence[LeftOutFlight]) -> bool:
     """Whether flights are predicted as well on the whole, be it that a few are not.
 
     A flight in which what is brief happens is predicted by nothing, and outweighs all others.
     """
-    ways = (_flights(unseen.found, modelled) for modelled in (unseen.by(names), unseen.as_it_is()))
-    ratios = [own.rmse(own.after_v) / bare.rmse(bare.after_v) for own, bare in zip(*ways, strict=True)]
+    ratios = [own.rmse(own.after_v) / bare.rmse(bare.after_v) for own, bare in zip(by_them, as_it_is, strict=True)]
     return float(np.exp(np.mean(np.log(ratios)))) <= _NO_WORSE
-
-
-def _error(found: Search, modelled: list[Array]) -> float:
-    return HeldOut(_flights(found, modelled)).after_v
-
-
-def _flights(found: Search, modelled: list[Array]) -> tuple[LeftOutFlight, ...]:
-    pairs = zip(found.base.flights, modelled, strict=True)
-    return tuple(LeftOutFlight(f.label, v, v, v, f.voltage_v, _unseen_from(f)) for f, v in pairs)
 
 
 def held_out(unseen: Unseen, names: Names) -> HeldOut | None:

@@ -106,6 +106,23 @@ def test_the_one_worn_pack_among_new_ones_shows_in_its_own_first_quarter():
     assert worn.rmse(worn.after_v) < 0.2 * worn.rmse(worn.before_v)
 
 
+@pytest.mark.parametrize(("deep", "refused"), [(True, False), (False, True)])
+def test_beyond_the_charges_of_all_other_flights_nothing_speaks_for_or_against_an_effect(deep, refused):
+    """One flight goes on where the others have landed; there the lab may be off by what nothing has taught."""
+    fade = EFFECTS["capacity-fade"](fade=0.1, area=0.0, settled=1.0)
+    flights = [flown([fade], seed=3, number=k, samples=1100 if k == 1 else 800) for k in range(4)]
+    found = searching(flights, FADE)
+    told, bare = Unseen(found).by(FADE), Unseen(found).as_it_is()
+    at = found.fitted(FADE)
+    soc = [flight.soc for flight in at.joint.all_predicted(at.x[None, :])]
+    alone = soc[1] < min(course.min() for k, course in enumerate(soc) if k != 1)
+    assert 100 < alone.sum() < 400
+    where = alone if deep else ~alone
+    far = 10.0 * float(np.abs(told[1] - bare[1]).max())
+    doctored = [np.where(where, v - far, v) if k == 1 else v for k, v in enumerate(told)]
+    assert harmful(Unseen(found, {FADE: doctored}), FADE) is refused
+
+
 @pytest.mark.parametrize(("begin", "foreseen"), [(100.0, True), (400.0, False)])
 def test_a_contact_that_goes_bad_later_is_not_foreseen(begin, foreseen):
     """Its time is known from having seen it; of one that is bad already the size is told by the first quarter."""
