@@ -7,8 +7,8 @@ from pathlib import Path
 from sim.proof.run import Request, prove
 from sim.proof.scoring.score import ANSWERED, FALSE_ALARMS, OF_ORACLE, PRECISION
 
-# Two nulls, one of them with heavy tails, and a fade: chosen for what it holds, not blind.
-SEED, CASES = 3, 3
+# A null and flights that were not charged full: chosen for what it holds, not blind.
+SEED, CASES = 6, 2
 
 
 def test_on_a_few_concealed_cases_nothing_is_claimed_of_a_null_and_an_effect_is_named(tmp_path, monkeypatch):
@@ -17,7 +17,7 @@ def test_on_a_few_concealed_cases_nothing_is_claimed_of_a_null_and_an_effect_is_
     request = Request(suites=("quick",), seed=SEED, cases=CASES, flying=False, output=Path("run"))
     (score,) = prove(request, lambda _: None, lambda *_: None).scores
     rows = {row.name: row for row in score.rows}
-    assert rows[FALSE_ALARMS].n == 2
+    assert rows[FALSE_ALARMS].n == 1
     assert rows[FALSE_ALARMS].value == 0.0
     assert rows[PRECISION].n >= 1
     assert rows[PRECISION].value == 1.0
