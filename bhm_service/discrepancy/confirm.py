@@ -6,17 +6,20 @@ of what shows in no other (the one worn pack among new ones), from its first qua
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
+from bhm_service.battery.effects import EFFECTS
 from bhm_service.battery.effects.contact import IntermittentContact
 from bhm_service.discrepancy.candidate import Candidate, Unknown
 from bhm_service.discrepancy.cores import on_cores
 from bhm_service.discrepancy.fitting import Fitted, fit
 from bhm_service.discrepancy.flights import FlightData
+from bhm_service.discrepancy.forms import BEFORE
+from bhm_service.discrepancy.hypothesis import STARTS
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.noise import Noise
 from bhm_service.discrepancy.odds import BRIEF, NATS, Names
@@ -85,7 +88,7 @@ class Unseen:
     found: Search
     _sets: dict[Names, list[Array]] = field(default_factory=dict)
     _of: dict[Names, Fitted] = field(default_factory=dict, init=False)  # a look may have found a better one since
-    _bare: list[Array] = field(default_factory=list, init=False)
+    _bare: dict[bool, list[Array]] = field(default_factory=dict, init=False)
 
     def by(self, names: Names) -> list[Array]:
         """With a set of effects. [V]"""
@@ -96,13 +99,19 @@ class Unseen:
             self._sets[names] = on_cores(tasks, self.found.cores)
         return self._sets[names]
 
-    def as_it_is(self) -> list[Array]:
-        """By the battery as it is. [V]"""
-        if not self._bare:
-            base, noise = self.found.base, self.found.noise
-            tasks = [partial(predicted_from_quarter, base, None, k, noise) for k in range(len(base.flights))]
-            self._bare = on_cores(tasks, self.found.cores)
-        return self._bare
+    def as_it_is(self, names: Names) -> list[Array]:
+        """By the battery as it is, as far as it has nothing of a set of effects. [V]
+
+        From the charge that a flight's first quarter shows; against effects on nothing but that charge from the one
+        that is assumed, since with another it has them. Of a pack that no lab has seen none is assumed.
+        """
+        base, noise = self.found.base, self.found.noise
+        assumed = bool(names) and base.lab.identified and all(EFFECTS[name].own_hooks == BEFORE for name in names)
+        if assumed not in self._bare:
+            own = [name for name in base.per_flight if not (assumed and name == STARTS)]
+            tasks = [partial(predicted_from_quarter, base, None, k, noise, own) for k in range(len(base.flights))]
+            self._bare[assumed] = on_cores(tasks, self.found.cores)
+        return self._bare[assumed]
 
 
 def harmful(unseen: Unseen, names: Names) -> bool:
@@ -122,11 +131,12 @@ def harmful(unseen: Unseen, names: Names) -> bool:
     def error(modelled: list[Array]) -> float:
         return HeldOut(flights(modelled)).after_v
 
+    as_it_is = unseen.as_it_is(names)
     whole = error(unseen.by(names))
     brief = names <= BRIEF
     little = brief or found.measured(names)
-    worse = whole > (_NO_WORSE if little else _IMPROVED) * error(unseen.as_it_is())
-    if worse and not (brief and _no_worse_as_a_rule(flights(unseen.by(names)), flights(unseen.as_it_is()))):
+    worse = whole > (_NO_WORSE if little else _IMPROVED) * error(as_it_is)
+    if worse and not (brief and _no_worse_as_a_rule(flights(unseen.by(names)), flights(as_it_is))):
         return True
     earned = found.earned(names)
     # Without a member that the flights ask for loudly, the lab's errors are bent far out to take its place.
@@ -163,7 +173,7 @@ def held_out(unseen: Unseen, names: Names) -> HeldOut | None:
     found = unseen.found
     if len(found.base.flights) < _FEWEST:
         return None
-    ways = zip(unseen.as_it_is(), unseen.by(frozenset()), unseen.by(names), strict=True)
+    ways = zip(unseen.as_it_is(names), unseen.by(frozenset()), unseen.by(names), strict=True)
     return HeldOut(
         tuple(
             LeftOutFlight(f.label, *modelled, f.voltage_v, _unseen_from(f))
@@ -218,17 +228,20 @@ def restricted(whole: Fitted, part: Joint, flights: list[int]) -> Array:
     return x
 
 
-def predicted_from_quarter(joint: Joint, learnt: Fitted | None, index: int, noise: Noise) -> Array:
+def predicted_from_quarter(
+    joint: Joint, learnt: Fitted | None, index: int, noise: Noise, own_numbers: Collection[str] | None = None
+) -> Array:
     """Voltages of a whole flight, with its own numbers from its first quarter and all others as learnt. [V]
 
-    Where nothing was learnt the battery is taken as it is.
+    Where nothing was learnt the battery is taken as it is. ``own_numbers`` names blocks, all of one flight if not
+    given.
     """
     data = joint.flights[index]
     quarter = data.part(slice(0, _unseen_from(data)))
     seen = subset(replace(joint, flights=_put(joint.flights, index, _alone(quarter))), [index])
     shared = [] if learnt is None else [name for name in learnt.joint.places if name not in joint.per_flight]
     x = seen.unknowns.start if learnt is None else learnt.into(seen, shared)
-    moving = [*seen.per_flight, *([] if learnt is None else _untold(learnt))]
+    moving = [*(seen.per_flight if own_numbers is None else own_numbers), *([] if learnt is None else _untold(learnt))]
     own = fit(seen, noise, x, rounds=6, moving=moving)
     full = subset(replace(joint, flights=_put(joint.flights, index, _alone(data))), [index])
     foreseen = own.x.copy()

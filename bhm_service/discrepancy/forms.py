@@ -18,7 +18,7 @@ from bhm_service.units import Array
 
 _FLIGHT_SD, _SOC_SD, _LOAD_SD, _LAG_SD = 0.08, 0.12, 0.3, 0.2
 _NO_LAG_SD = 1e-4  # of a skew: to change how fast that follows the load is to take it back
-_BEFORE = frozenset({"initial_soc"})  # what a flight begins with is there before any load that it could follow
+BEFORE = frozenset({"initial_soc"})  # what a flight begins with is there before any load that it could follow
 # What a voltage sensor makes of a reading is no matter of a cell's physics: under another load, or after a step of it,
 # it is what its equation says. An offset that goes with the load is a resistance, or a load that no sensor sees.
 _READ = frozenset({"measured_voltage"})
@@ -61,7 +61,7 @@ def blocks(member: str, flights: int, told: bool, inferred: bool) -> list[Block]
     # So free at charges so close it would say of a temperature that nobody recorded what suits it.
     soc_sd = _SOC_SD * (_INFERRED if told and inferred else 1.0)
     share = _READ_SHARE if EFFECTS[member].own_hooks == _READ else 1.0
-    swift = member == TimeSkew.id or EFFECTS[member].own_hooks == _BEFORE
+    swift = member == TimeSkew.id or EFFECTS[member].own_hooks == BEFORE
     load_sd, lag_sd = share * _LOAD_SD, _NO_LAG_SD if swift else share * _LAG_SD
     sizes = ((flights, _FLIGHT_SD), (knots(member, told).size, soc_sd), (1, load_sd), (len(_LAG_S), lag_sd))
     named = zip(names_of(member), sizes, strict=True)

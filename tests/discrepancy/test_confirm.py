@@ -106,13 +106,22 @@ def test_the_one_worn_pack_among_new_ones_shows_in_its_own_first_quarter():
     assert worn.rmse(worn.after_v) < 0.2 * worn.rmse(worn.before_v)
 
 
+@pytest.mark.parametrize("missing", [True, False])
+def test_a_start_that_the_first_quarter_shows_does_not_speak_against_charge_that_is_missing(missing):
+    """A battery that is right otherwise follows such flights from there as well as any explanation does."""
+    partly = frozenset({"partial-charge"})
+    flights = four("partial-charge", seed=3) if missing else [flown(seed=3, number=k) for k in range(4)]
+    unseen = Unseen(searching(flights, partly))
+    assert harmful(unseen, partly) is not missing
+
+
 @pytest.mark.parametrize(("deep", "refused"), [(True, False), (False, True)])
 def test_beyond_the_charges_of_all_other_flights_nothing_speaks_for_or_against_an_effect(deep, refused):
     """One flight goes on where the others have landed; there the lab may be off by what nothing has taught."""
     fade = EFFECTS["capacity-fade"](fade=0.1, area=0.0, settled=1.0)
     flights = [flown([fade], seed=3, number=k, samples=1100 if k == 1 else 800) for k in range(4)]
     found = searching(flights, FADE)
-    told, bare = Unseen(found).by(FADE), Unseen(found).as_it_is()
+    told, bare = Unseen(found).by(FADE), Unseen(found).as_it_is(FADE)
     at = found.fitted(FADE)
     soc = [flight.soc for flight in at.joint.all_predicted(at.x[None, :])]
     alone = soc[1] < min(course.min() for k, course in enumerate(soc) if k != 1)
@@ -159,7 +168,7 @@ def test_a_flight_in_which_a_contact_fails_unforeseen_does_not_speak_against_it(
     contact, name = EFFECTS["intermittent-contact"], frozenset({"intermittent-contact"})
     flights = [flown([contact(resistance=0.05, begin=400.0, end=800.0)] if k == 1 else (), number=k) for k in range(4)]
     found = searching(flights, frozenset())
-    bare = Unseen(found).as_it_is()
+    bare = Unseen(found).as_it_is(name)
 
     def foretold_worse_by(shares):
         doctored = [m + s * (m - f.voltage_v) for s, m, f in zip(shares, bare, flights, strict=True)]
@@ -200,7 +209,7 @@ def test_what_explains_lowers_the_error_on_unseen_flights_by_a_twentieth(name, s
     """A name that only fits, however well, is none; what lasts for seconds adds little to the error of a flight."""
     names = frozenset(name.split("+"))
     unseen = Unseen(searching(FLIGHTS, names))
-    as_it_is = unseen.as_it_is()
+    as_it_is = unseen.as_it_is(names)
     measured = [f.voltage_v for f in FLIGHTS]
     doctored = [v - share * (v - m) for v, m in zip(measured, as_it_is, strict=True)]
     unseen = Unseen(unseen.found, dict.fromkeys((names, *(names - {m} for m in names)), doctored))
