@@ -6,19 +6,18 @@ of what shows in no other (the one worn pack among new ones), from its first qua
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
-from bhm_service.battery.effects import EFFECTS
 from bhm_service.battery.effects.contact import IntermittentContact
 from bhm_service.discrepancy.candidate import Candidate, Unknown
 from bhm_service.discrepancy.cores import on_cores
 from bhm_service.discrepancy.fitting import Fitted, fit
 from bhm_service.discrepancy.flights import FlightData
-from bhm_service.discrepancy.forms import BEFORE
+from bhm_service.discrepancy.forms import of_start
 from bhm_service.discrepancy.hypothesis import STARTS
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.noise import Noise
@@ -59,6 +58,7 @@ class HeldOut:
     """All flights, each predicted from the others."""
 
     flights: tuple[LeftOutFlight, ...]
+    from_assumed: bool = False  # whether the battery as it is began them with the charge that is assumed
 
     @property
     def before_v(self) -> float:
@@ -99,17 +99,23 @@ class Unseen:
             self._sets[names] = on_cores(tasks, self.found.cores)
         return self._sets[names]
 
+    def from_assumed(self, names: Names) -> bool:
+        """Whether it is the charge assumed that the battery as it is begins with where a set is looked at.
+
+        With another it has effects on nothing but that charge. Of a pack that no lab has seen none is assumed.
+        """
+        return bool(names) and self.found.base.lab.identified and all(map(of_start, names))
+
     def as_it_is(self, names: Names) -> list[Array]:
         """By the battery as it is, as far as it has nothing of a set of effects. [V]
 
-        From the charge that a flight's first quarter shows; against effects on nothing but that charge from the one
-        that is assumed, since with another it has them. Of a pack that no lab has seen none is assumed.
+        From the charge that a flight's first quarter shows, or that is assumed (`from_assumed`).
         """
         base, noise = self.found.base, self.found.noise
-        assumed = bool(names) and base.lab.identified and all(EFFECTS[name].own_hooks == BEFORE for name in names)
+        assumed = self.from_assumed(names)
         if assumed not in self._bare:
-            own = [name for name in base.per_flight if not (assumed and name == STARTS)]
-            tasks = [partial(predicted_from_quarter, base, None, k, noise, own) for k in range(len(base.flights))]
+            held = frozenset({STARTS} if assumed else ())
+            tasks = [partial(predicted_from_quarter, base, None, k, noise, held) for k in range(len(base.flights))]
             self._bare[assumed] = on_cores(tasks, self.found.cores)
         return self._bare[assumed]
 
@@ -128,33 +134,34 @@ def harmful(unseen: Unseen, names: Names) -> bool:
         ways = zip(found.base.flights, modelled, measured_v, strict=True)
         return tuple(LeftOutFlight(f.label, v, v, v, known, _unseen_from(f)) for f, v, known in ways)
 
-    def error(modelled: list[Array]) -> float:
-        return HeldOut(flights(modelled)).after_v
-
-    as_it_is = unseen.as_it_is(names)
-    whole = error(unseen.by(names))
+    own, bare = flights(unseen.by(names)), flights(unseen.as_it_is(names))
+    whole = HeldOut(own).after_v
     brief = names <= BRIEF
     little = brief or found.measured(names)
-    worse = whole > (_NO_WORSE if little else _IMPROVED) * error(as_it_is)
-    if worse and not (brief and _no_worse_as_a_rule(flights(unseen.by(names)), flights(as_it_is))):
+    worse = whole > (_NO_WORSE if little else _IMPROVED) * HeldOut(bare).after_v
+    if worse and not (brief and _no_worse_as_a_rule(own, bare)):
         return True
     earned = found.earned(names)
     # Without a member that the flights ask for loudly, the lab's errors are bent far out to take its place.
     faint = [m for m in names if earned[m] < _FAINT * NATS]
-    return len(names) > 1 and any(error(unseen.by(names - {m})) < (1.0 - _BETTER) * whole for m in faint)
+    return len(names) > 1 and any(
+        HeldOut(flights(unseen.by(names - {m}))).after_v < (1.0 - _BETTER) * whole for m in faint
+    )
 
 
 def _at_charges_of_others(found: Search, names: Names) -> list[Array]:
     """The measured voltages of each flight where another one comes to that charge as well, else NaN. [V]
 
-    All of them of a flight that others share no charge with after its first quarter.
+    All of them of a flight that others share no charge with after its first quarter. The charges are of the fit to
+    all flights: they say what is compared, and have no part in what is predicted.
     """
     at = found.fitted(names)
     courses = [flight.soc for flight in at.joint.all_predicted(at.x[None, :])]
+    lowest, highest = np.array([(soc.min(), soc.max()) for soc in courses]).T
     kept = []
     for k, (data, soc) in enumerate(zip(found.base.flights, courses, strict=True)):
-        others = np.concatenate([course for j, course in enumerate(courses) if j != k])
-        shared = np.where((soc >= others.min()) & (soc <= others.max()), data.voltage_v, np.nan)
+        low, high = np.delete(lowest, k).min(), np.delete(highest, k).max()
+        shared = np.where((soc >= low) & (soc <= high), data.voltage_v, np.nan)
         kept.append(shared if np.isfinite(shared[_unseen_from(data) :]).any() else data.voltage_v)
     return kept
 
@@ -178,7 +185,8 @@ def held_out(unseen: Unseen, names: Names) -> HeldOut | None:
         tuple(
             LeftOutFlight(f.label, *modelled, f.voltage_v, _unseen_from(f))
             for f, modelled in zip(found.base.flights, ways, strict=True)
-        )
+        ),
+        unseen.from_assumed(names),
     )
 
 
@@ -229,19 +237,18 @@ def restricted(whole: Fitted, part: Joint, flights: list[int]) -> Array:
 
 
 def predicted_from_quarter(
-    joint: Joint, learnt: Fitted | None, index: int, noise: Noise, own_numbers: Collection[str] | None = None
+    joint: Joint, learnt: Fitted | None, index: int, noise: Noise, held: Set[str] = frozenset()
 ) -> Array:
     """Voltages of a whole flight, with its own numbers from its first quarter and all others as learnt. [V]
 
-    Where nothing was learnt the battery is taken as it is. ``own_numbers`` names blocks, all of one flight if not
-    given.
+    Where nothing was learnt the battery is taken as it is. ``held`` names blocks that stay where they were expected.
     """
     data = joint.flights[index]
     quarter = data.part(slice(0, _unseen_from(data)))
     seen = subset(replace(joint, flights=_put(joint.flights, index, _alone(quarter))), [index])
     shared = [] if learnt is None else [name for name in learnt.joint.places if name not in joint.per_flight]
     x = seen.unknowns.start if learnt is None else learnt.into(seen, shared)
-    moving = [*(seen.per_flight if own_numbers is None else own_numbers), *([] if learnt is None else _untold(learnt))]
+    moving = [*(seen.per_flight - held), *([] if learnt is None else _untold(learnt))]
     own = fit(seen, noise, x, rounds=6, moving=moving)
     full = subset(replace(joint, flights=_put(joint.flights, index, _alone(data))), [index])
     foreseen = own.x.copy()

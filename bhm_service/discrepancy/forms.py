@@ -18,7 +18,6 @@ from bhm_service.units import Array
 
 _FLIGHT_SD, _SOC_SD, _LOAD_SD, _LAG_SD = 0.08, 0.12, 0.3, 0.2
 _NO_LAG_SD = 1e-4  # of a skew: to change how fast that follows the load is to take it back
-BEFORE = frozenset({"initial_soc"})  # what a flight begins with is there before any load that it could follow
 # What a voltage sensor makes of a reading is no matter of a cell's physics: under another load, or after a step of it,
 # it is what its equation says. An offset that goes with the load is a resistance, or a load that no sensor sees.
 _READ = frozenset({"measured_voltage"})
@@ -31,6 +30,11 @@ _INFERRED = 0.5  # of what a law may be off by at each of those, where nobody re
 _LAG_S = (1.0, 10.0, 60.0)
 _REACH = 5.0  # standard deviations
 MEAN_SD = 0.02  # of all flights, and of all charges: what is off alike everywhere is the member's own size
+
+
+def of_start(member: str) -> bool:
+    """Whether a member says what charge flights begin with and nothing else: that follows no load."""
+    return EFFECTS[member].own_hooks == frozenset({"initial_soc"})
 
 
 def by_flight(member: str) -> str:
@@ -61,7 +65,7 @@ def blocks(member: str, flights: int, told: bool, inferred: bool) -> list[Block]
     # So free at charges so close it would say of a temperature that nobody recorded what suits it.
     soc_sd = _SOC_SD * (_INFERRED if told and inferred else 1.0)
     share = _READ_SHARE if EFFECTS[member].own_hooks == _READ else 1.0
-    swift = member == TimeSkew.id or EFFECTS[member].own_hooks == BEFORE
+    swift = member == TimeSkew.id or of_start(member)
     load_sd, lag_sd = share * _LOAD_SD, _NO_LAG_SD if swift else share * _LAG_SD
     sizes = ((flights, _FLIGHT_SD), (knots(member, told).size, soc_sd), (1, load_sd), (len(_LAG_S), lag_sd))
     named = zip(names_of(member), sizes, strict=True)

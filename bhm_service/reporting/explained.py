@@ -67,6 +67,7 @@ def explained_page(e: Explanation) -> str:
         odds=f"{np.exp(NEAR):.0f}",
         voltages=voltages,
         held_out=tables.held_out(e),
+        from_assumed=e.held_out is not None and e.held_out.from_assumed,
         flight_header=tables.FLIGHT_HEADER,
         change_points=tables.change_points(e),
         stepped=_stepped(e, {f.label for _, f in worst}),

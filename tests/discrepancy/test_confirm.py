@@ -35,6 +35,7 @@ def test_the_effect_is_confirmed_on_every_flight(proof):
     for flight in proof.flights:
         assert flight.rmse(flight.after_v) < 0.5 * flight.rmse(flight.before_v)
     assert proof.after_v < 0.02
+    assert not proof.from_assumed
     assert max(proof.after_v, proof.tuned_v) < proof.before_v
 
 
@@ -113,6 +114,7 @@ def test_a_start_that_the_first_quarter_shows_does_not_speak_against_charge_that
     flights = four("partial-charge", seed=3) if missing else [flown(seed=3, number=k) for k in range(4)]
     unseen = Unseen(searching(flights, partly))
     assert harmful(unseen, partly) is not missing
+    assert held_out(unseen, partly).from_assumed
 
 
 @pytest.mark.parametrize(("deep", "refused"), [(True, False), (False, True)])

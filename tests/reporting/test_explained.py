@@ -116,6 +116,12 @@ def test_without_held_out_flights_the_page_says_that_it_shows_the_fit(done):
     assert "predict" not in page
 
 
+@pytest.mark.parametrize("assumed", [True, False])
+def test_the_page_says_where_the_battery_as_it_is_begins_with_the_charge_that_is_assumed(done, assumed):
+    e = replace(done, held_out=replace(done.held_out, from_assumed=assumed))
+    assert ("begins with\nthe charge that is assumed" in outside(explained_page(e))) is assumed
+
+
 def test_the_flights_drawn_are_those_that_are_predicted_worst_before_and_after(done):
     flights = {f.label: f for f in done.held_out.flights}
     (_, before), (_, after) = tables.worst(done)

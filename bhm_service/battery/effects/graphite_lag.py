@@ -9,7 +9,7 @@ import numpy as np
 
 from bhm_service.battery.dynamics import Solver
 from bhm_service.battery.effects.base import Effect, Instant, Interval, Spread
-from bhm_service.battery.effects.sphere import MODES, STEADY, surface
+from bhm_service.battery.effects.sphere import SPREAD, START, STEADY, behind, surface
 from bhm_service.battery.parameters import parameter
 from bhm_service.units import Array, Value
 
@@ -48,10 +48,10 @@ class GraphiteLag(Effect):
     full: Value = parameter("x_1", "1", 0.4, 1.1, "and of a full one", prior=(0.85, 0.1))
 
     def start(self) -> tuple[Value, ...]:
-        return (0.0,) * MODES
+        return START
 
     def spread(self) -> tuple[Spread, ...]:
-        return (Spread(0.003, 1e-5),) * MODES
+        return SPREAD
 
     def _lithium(self, soc: Value) -> Value:
         return self.empty + (self.full - self.empty) * soc
@@ -66,7 +66,7 @@ class GraphiteLag(Effect):
     def _dropped(self, state: tuple[Value, ...], soc: Value) -> Value:
         """What a cell's voltage is lower by. [V]"""
         x = self._lithium(soc)
-        return _u_c(x - (state[0] + state[1] + state[2])) - _u_c(x)
+        return _u_c(x - behind(state)) - _u_c(x)
 
     def heat(self, state: tuple[Value, ...], now: Instant) -> Value:
         return now.series * now.current * self._dropped(state, now.soc)

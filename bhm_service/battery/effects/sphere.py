@@ -7,6 +7,7 @@ all others as one, of their mean time.
 from __future__ import annotations
 
 from bhm_service.battery.dynamics import Solver
+from bhm_service.battery.effects.base import Spread
 from bhm_service.units import Value
 
 _FIRST, _SECOND = 4.493409458, 7.725251837
@@ -17,7 +18,8 @@ _TIMES = (
     (_FIRST**2 / 35.0 - _SHARES[0] - _SHARES[1] * (_FIRST / _SECOND) ** 2) / _SHARES[2],
 )
 STEADY = _FIRST**2 / 15.0  # times the slowest time constant times the rate at which charge goes
-MODES = len(_SHARES)
+START: tuple[Value, ...] = (0.0,) * len(_SHARES)
+SPREAD = (Spread(0.003, 1e-5),) * len(_SHARES)  # of a filter's modes, in charge
 
 
 def surface(
@@ -29,3 +31,9 @@ def surface(
     """
     modes = zip(start, _SHARES, _TIMES, strict=True)
     return tuple(solver.lag(own, part * begin, part * end, times * time_constant) for own, part, times in modes)
+
+
+def behind(modes: tuple[Value, ...]) -> Value:
+    """What the surface lags behind the mean."""
+    first, second, others = modes
+    return first + second + others

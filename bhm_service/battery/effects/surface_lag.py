@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from bhm_service.battery.dynamics import Solver
 from bhm_service.battery.effects.base import Effect, Interval, Spread
-from bhm_service.battery.effects.sphere import MODES, STEADY, surface
+from bhm_service.battery.effects.sphere import SPREAD, START, STEADY, behind, surface
 from bhm_service.battery.parameters import parameter
 from bhm_service.units import Value
 
@@ -35,10 +35,10 @@ class SurfaceLag(Effect):
     share: Value = parameter("a_z", "1", 0.0, 10.0, "of what one particle lags by that the cell's curve shows")
 
     def start(self) -> tuple[Value, ...]:
-        return (0.0,) * MODES
+        return START
 
     def spread(self) -> tuple[Spread, ...]:
-        return (Spread(0.003, 1e-5),) * MODES
+        return SPREAD
 
     def advance(self, solver: Solver, start: tuple[Value, ...], interval: Interval) -> tuple[Value, ...]:
         tau = self.time_constant / interval.by.diffusion
@@ -46,4 +46,4 @@ class SurfaceLag(Effect):
         return surface(solver, start, per_ampere * interval.begin, per_ampere * interval.end, tau)
 
     def curve_lag(self, state: tuple[Value, ...]) -> Value:
-        return state[0] + state[1] + state[2]
+        return behind(state)
