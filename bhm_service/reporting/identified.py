@@ -17,6 +17,7 @@ from bhm_service.units import SECONDS_PER_HOUR, Value
 QUALITY_HEADER = ("recording", "", "model", "RMSE", "bias", "best possible")
 PARAMETER_HEADER = ("", "value", "± sd", "unit", "sd, covariance", "sd, bootstrap", "meaning")
 _FACTOR = 0.5  # of a logarithm: a wider spread is told as a factor
+_BEYOND = 10.0  # times its own size: a wider spread is told as more than that
 _NOT_TOLD = "not told"
 _CAPACITY = "capacity"  # the block, where flights tell the capacity; c_max and q_max follow it
 
@@ -167,8 +168,8 @@ def _row(result: ModelResult, declared: Parameter, in_si: Value, block_name: str
             f"{value:.4g}",
             (_reach(larger, block.log) or f"{larger * abs(value):.2g}") if told else _NOT_TOLD,
             declared.unit,
-            _reach(by_covariance, block.log) or f"{by_covariance:.1%}",
-            _reach(by_bootstrap, block.log) or f"{by_bootstrap:.1%}",
+            _reach(by_covariance, block.log) or _share(by_covariance),
+            _reach(by_bootstrap, block.log) or _share(by_bootstrap),
             declared.meaning,
         ),
         told,
@@ -180,6 +181,11 @@ def _reach(spread: float, log: bool) -> str | None:
     if not log or spread <= _FACTOR:
         return None
     return f"x/÷ {np.exp(spread):.1f}" if spread < 4.0 else "any size"
+
+
+def _share(spread: float) -> str:
+    """A spread of a number's own size; of one that is next to nothing it says no more than that."""
+    return f"{spread:.1%}" if spread < _BEYOND else f"> {_BEYOND:.0%}"
 
 
 def open_questions(result: ModelResult) -> list[str]:

@@ -105,6 +105,14 @@ def test_a_number_that_was_not_told_carries_no_standard_deviation(done):
     assert row.cells[2] == "not told"
 
 
+def test_the_spread_of_a_number_that_is_next_to_nothing_is_told_as_beyond_its_size(done):
+    (result,) = done.results
+    unknowns, x = result.solution.problem.unknowns, result.solution.x.copy()
+    x[unknowns.slice_of("r_sp2")] = 1e-12
+    row = next(r for r in parameters(replace(result, solution=replace(result.solution, x=x))) if r.cells[0] == "R_sp2")
+    assert "> 1000%" in row.cells[4:6]
+
+
 def test_what_is_left_open_is_told_by_symbols_and_of_which_effect(done):
     result = done.results[0]
     pair = Joined(effect=SlowDiffusion(resistance=1e-3, time_constant=100.0), model="circ")
