@@ -41,7 +41,10 @@ def _slope(at: Fitted, joint: Joint, candidate: Candidate) -> Array:
 def geometry_of(at: Fitted[ProblemT], own: Array) -> tuple[Geometry, Array]:
     """Numbers of these slopes (rows, numbers) added to a fit, and their score."""
     both = at.back(own)
-    across = np.asarray(np.linalg.solve(at.known_curvature, both), dtype=float)
+    # What stands at its bound makes up for nothing that goes on beyond it: that is for the candidate to explain.
+    free = at.free
+    across = np.zeros(both.shape)
+    across[free] = np.linalg.solve(at.known_curvature[np.ix_(free, free)], both[free])
     # Where the fit stands, what is known before of its own numbers pulls as hard as the residuals do: the residuals
     # along those numbers are not for the candidate to lose.
     score = across.T @ at.gradient - own.T @ at.weighted

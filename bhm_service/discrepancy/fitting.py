@@ -120,6 +120,11 @@ class Fitted(Generic[ProblemT]):
             slope.add_square(total)
         return total
 
+    @cached_property
+    def free(self) -> Flags:
+        """Which numbers of the vector do not stand at a bound beyond which the flights would have them; (n,)."""
+        return ~_at_bound(self.joint.unknowns, self.x, self.gradient)
+
     def back(self, series: Array) -> Array:
         """The slopes of all flights, transposed, times series of residuals (N, k); (n, k)."""
         parts = zip(parted(series, self.slopes), self.slopes, strict=True)
@@ -224,7 +229,7 @@ def fit(
     curvature, gradient = _curvature(joint, rows, slopes), _gradient(joint, x, rows, slopes)
     damping, slow = _DAMPING, False
     for taken in range(rounds):
-        held = still | ((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0))
+        held = still | _at_bound(unknowns, x, gradient)
         enough = _CLOSE + _CLOSE_SHARE * max(cost - (sum(r.size for r in rows) if aim is None else aim), 0.0)
         gain, harder = -1.0, 2.0
         for _ in range(_TRIES):
@@ -250,6 +255,11 @@ def fit(
         slow = gain < enough
     cost -= 2.0 * joint.leaning(x)[0]
     return Fitted(joint=joint, noise=noise, x=x, cost=cost, rows=rows, curvature=curvature, gradient=gradient)
+
+
+def _at_bound(unknowns: Unknowns, x: Array, gradient: Array) -> Flags:
+    """Which numbers stand at a bound and would go on beyond it."""
+    return np.asarray(((x <= unknowns.low) & (gradient > 0.0)) | ((x >= unknowns.high) & (gradient < 0.0)))
 
 
 def _boxed_step(matrix: Array, gradient: Array, low: Array, high: Array, held: Flags) -> Array:

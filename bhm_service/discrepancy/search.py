@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from bhm_service.battery.effects import EFFECTS, OcvShape
+from bhm_service.battery.effects import EFFECTS, OcvShape, TimeSkew
 from bhm_service.discrepancy.alikeness import FlightSpread
 from bhm_service.discrepancy.bent_curve import bent_curve
 from bhm_service.discrepancy.candidate import Candidate
@@ -339,6 +339,12 @@ def _look_round(found: Search) -> None:
     found.look_across(max(alone, key=found.evidence), [bare])
 
 
+def _beyond_the_lab(at: Fitted, others: Iterable[str]) -> list[str]:
+    """A skew, where as much is made of the lab's own as there may be: of larger ones no step from there tells."""
+    pinned = not at.free[at.joint.places["lab_skew"]].all()
+    return [TimeSkew.id] if pinned and TimeSkew.id in others else []
+
+
 def _grow(found: Search, depth: int, progress: Progress) -> None:
     beam: list[Names] = [frozenset()]
     for size in range(depth):
@@ -348,7 +354,8 @@ def _grow(found: Search, depth: int, progress: Progress) -> None:
             order = sorted(gains, key=lambda name: -gains[name])
             # What is likely to be part of the answer is tried with all that may join it, the rest with what looks best.
             likely = [name for name in order if size == 0 or gains[name] > 0.0]
-            for name in likely if place == 0 and size < _PAIR else likely[:_EXPANSIONS]:
+            tries = likely if place == 0 and size < _PAIR else likely[:_EXPANSIONS]
+            for name in (*tries, *_beyond_the_lab(found.fitted(names), gains)):
                 tried.setdefault(names | {name}, found.fitted(names))
         found.fit_all(tried)
         if size == 0:

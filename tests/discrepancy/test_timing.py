@@ -12,7 +12,9 @@ from bhm_service.battery.cell import Modifiers
 from bhm_service.battery.dynamics import Follower
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.discrepancy.crossing import witness
+from bhm_service.discrepancy.first_order import geometry_of
 from bhm_service.discrepancy.odds import NATS, needed
+from bhm_service.discrepancy.search import _beyond_the_lab
 from bhm_service.discrepancy.selection import MUCH, select, share
 from bhm_service.discrepancy.timing import by_samples, timed
 
@@ -115,6 +117,23 @@ def test_a_slow_misfit_does_not_hide_a_skew():
     skew = [m.id == "time-skew" for m in found.joint(SKEW | FADE).members]
     found._alone[SKEW] = found.alone(SKEW | FADE)[skew]
     assert share(found, SKEW) > MUCH
+
+
+@pytest.mark.parametrize(("seconds_late", "tried"), [(0.0, []), (0.85, ["time-skew"])])
+def test_a_skew_is_tried_beside_what_has_as_much_made_of_the_labs_own_as_may_be(seconds_late, tried):
+    """There the lab's own has taken all that one step shows, and another valley lies beyond it."""
+    at = over_averages(told(seconds_late=seconds_late, faded=0.1), FADE).fitted(FADE)
+    assert _beyond_the_lab(at, {"time-skew", "weak-cell"}) == tried
+    assert _beyond_the_lab(at, {"weak-cell"}) == []
+
+
+def test_what_stands_at_its_bound_makes_up_for_no_more_of_what_a_candidate_adds():
+    at = over_averages(told(seconds_late=1.0)).fitted(frozenset())
+    (skew,) = np.flatnonzero(~at.free)
+    assert at.joint.places["lab_skew"] == slice(skew, skew + 1)
+    like_it = at.along(np.eye(at.x.size)[:, [skew]])
+    # Of what it might still make up for, no more would be left than was known of it before: one.
+    assert geometry_of(at, like_it)[0].information[0, 0] > 10.0
 
 
 def test_nor_does_a_curve_that_is_off_move_a_skew_from_where_the_lab_explains_that():
