@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bhm_service.battery.effects.time_skew import TimeSkew
+from bhm_service.battery.effects import TimeSkew, UnseenLoad
 from bhm_service.discrepancy import verdict
 from bhm_service.discrepancy.bent_curve import bent_curve, bumped_curve
 from bhm_service.discrepancy.bent_lab import BentLab, bent_lab
@@ -25,7 +25,7 @@ from bhm_service.discrepancy.odds import BRIEF, NATS, NEAR, STRUCTURAL, Names
 from bhm_service.discrepancy.patterns import BOARD, Pattern, telling
 from bhm_service.discrepancy.recurring import Recurring, recurring
 from bhm_service.discrepancy.search import Search
-from bhm_service.discrepancy.selection import MUCH, NOTHING, Selection, price, select, share
+from bhm_service.discrepancy.selection import MUCH, NOTHING, Selection, added, price, select, share
 from bhm_service.discrepancy.significance import familywise
 from bhm_service.discrepancy.timing import timed
 
@@ -54,8 +54,12 @@ def decide(
     standing = _significant(unseen, second, closer, rng)
     chosen = standing.chosen if told_from_lab(unseen.found, standing.chosen.names) else NOTHING
     chosen, left = outweighed(unseen.found, chosen, closer.lab, logs)
+    if isinstance(left, Recurring):
+        chosen = with_the_load(unseen.found, chosen)
     kept = standing.contests if chosen.names else ()
-    return Decision(chosen=chosen, p_values=standing.p_values, contests=kept, left=left)
+    told = chosen.names <= standing.p_values.keys()
+    p_values = standing.p_values if told else familywise(unseen.found, chosen.names, rng)
+    return Decision(chosen=chosen, p_values=p_values, contests=kept, left=left)
 
 
 def _significant(unseen: Unseen, second: Witness | None, closer: Witness, rng: np.random.Generator) -> Decision:
@@ -135,6 +139,19 @@ def outweighed(found: Search, chosen: Selection, lab: Lab, logs: Sequence[Flight
         if bare is not None and bare.nats > found.evidence(chosen.names) - NATS:
             return NOTHING, bare
     return chosen, left
+
+
+def with_the_load(found: Search, chosen: Selection) -> Selection:
+    """The selection where something switches by itself: of equals, what has a load past the sensor comes first.
+
+    What is on by turns, and in no current that was read, takes charge in the mean as well.
+    """
+    equals = (chosen.names, *chosen.alternatives)
+    loaded = next((names for names in equals if UnseenLoad.id in names), chosen.names)
+    if loaded == chosen.names:
+        return chosen
+    others = tuple(names for names in equals if names != loaded)
+    return Selection(loaded, others, found.earned(loaded), added(found, loaded))
 
 
 def _foreign(found: Search, names: Names, left: Recurring | ChangedLag | Pattern | None) -> Pattern | None:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from discrepancy.flown import BATTERY, four, noise, noise_model, searching
 
-from bhm_service.discrepancy.decision import outweighed
+from bhm_service.discrepancy.decision import outweighed, with_the_load
 from bhm_service.discrepancy.lab_file import lab_of
 from bhm_service.discrepancy.recurring import recurring
-from bhm_service.discrepancy.selection import NOTHING
+from bhm_service.discrepancy.selection import NOTHING, Selection
 from bhm_service.discrepancy.words import left_in_words
 
 PERIOD_S = 110.0
@@ -39,6 +39,22 @@ def test_a_load_that_switches_by_itself_is_owned_up_to_with_its_period(volts):
     assert chosen.names == frozenset()
     assert found.period_s == pytest.approx(PERIOD_S, rel=0.03)
     assert f"every {found.period_s:.0f} s" in left_in_words(found)
+
+
+def test_of_what_flights_cannot_tell_apart_a_load_past_the_sensor_comes_first_where_something_switches():
+    found = searching(four("unseen-load"), ["capacity-fade", "current-gain", "unseen-load"])
+    sets = [frozenset({name}) for name in ("capacity-fade", "current-gain", "unseen-load")]
+    for names in sets:
+        found.fitted(names)
+    fade, gain, load = (Selection(n, tuple(s for s in sets if s != n), found.earned(n), {}) for n in sets)
+    for chosen in (fade, gain):
+        first = with_the_load(found, chosen)
+        assert first.names == load.names
+        assert set(first.alternatives) == set(sets) - {load.names}
+        assert first.earned == found.earned(load.names)
+    assert with_the_load(found, load) is load
+    alone = Selection(sets[0], (sets[1],), fade.earned, {})
+    assert with_the_load(found, alone) is alone
 
 
 @pytest.mark.parametrize("phi", [0.0, 0.9, 0.98])
