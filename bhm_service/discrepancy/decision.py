@@ -54,8 +54,9 @@ def decide(
     standing = _significant(unseen, second, closer, rng)
     chosen = standing.chosen if told_from_lab(unseen.found, standing.chosen.names) else NOTHING
     chosen, left = outweighed(unseen.found, chosen, closer.lab, logs)
-    if isinstance(left, Recurring):
-        chosen = with_the_load(unseen.found, chosen)
+    if isinstance(left, Recurring) and chosen.names:
+        loaded = with_the_load(unseen.found, chosen)
+        chosen = chosen if harmful(unseen, loaded.names) else loaded
     kept = standing.contests if chosen.names else ()
     told = chosen.names <= standing.p_values.keys()
     p_values = standing.p_values if told else familywise(unseen.found, chosen.names, rng)
