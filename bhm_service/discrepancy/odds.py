@@ -35,7 +35,7 @@ def needed(name: str, told: bool = False, alone: bool = False) -> float:
     """What a member has to earn, whether or not the lab ``told`` what its model's form is off by. [nats]
 
     Where it told that, only noise is left to look like structure ``alone``; beside another effect there is also what
-    the equation of that one leaves.
+    the equation of that one leaves, unless that says no more than what flights begin with.
     """
     if told and alone and name in _TOLD - FREE:
         return NATS

@@ -15,6 +15,7 @@ from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.cores import on_cores
 from bhm_service.discrepancy.first_order import expected_snr, linear_gain, saturated_noise
 from bhm_service.discrepancy.fitting import Bare, Fitted, cost_of, fit
+from bhm_service.discrepancy.forms import of_start
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.marginal import likelier, likeliest
 from bhm_service.discrepancy.noise import Noise
@@ -163,7 +164,8 @@ class Search:
         if self.bent and names == {OcvShape.id}:
             return NATS
         law = name in self.laws and (not names or name in self.lawful(names))
-        return STRONG if law else needed(name, self.base.lab.form_told, alone=names == {name})
+        alone = name in names and all(map(of_start, names - {name}))
+        return STRONG if law else needed(name, self.base.lab.form_told, alone=alone)
 
     def credit(self, names: Names) -> float:
         """Of a set's evidence, what it has from what is measured beside the pack's voltage. [nats]"""

@@ -211,6 +211,19 @@ def test_evidence_that_the_equations_have_no_part_in_chooses_nothing():
     assert select(favoured).names == frozenset()
 
 
+@pytest.mark.parametrize(
+    ("told", "beside", "nats"),
+    [(True, (), 10.0), (True, ("partial-charge",), 10.0), (True, ("capacity-fade",), 18.0),
+     (True, ("partial-charge", "capacity-fade"), 18.0), (False, ("partial-charge",), 30.0)],
+)  # fmt: skip
+def test_what_looks_like_structure_has_to_earn_no_more_beside_what_flights_begin_with(told, beside, nats):
+    """The equation of that leaves nothing: beside it as alone only noise is left, where the lab told its form."""
+    found = searching([flown(seed=3)], ["slow-diffusion", *beside])
+    if told:
+        found.base = replace(found.base, lab=told_its_form(found.base.lab))
+    assert found.needed("slow-diffusion", frozenset({"slow-diffusion", *beside})) == pytest.approx(nats)
+
+
 @pytest.mark.parametrize(("told", "chosen"), [(True, CONTACT), (False, frozenset())])
 def test_where_the_lab_told_its_form_equations_claim_what_a_member_has_to_earn(told, chosen):
     """Otherwise a part of any evidence may be what its form is off by, and more is asked for."""
