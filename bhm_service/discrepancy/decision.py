@@ -54,13 +54,13 @@ def decide(
     standing = _significant(unseen, second, closer, rng)
     chosen = standing.chosen if told_from_lab(unseen.found, standing.chosen.names) else NOTHING
     chosen, left = outweighed(unseen.found, chosen, closer.lab, logs)
-    if isinstance(left, Recurring) and chosen.names:
+    if isinstance(left, Recurring):
         loaded = with_the_load(unseen.found, chosen)
-        chosen = chosen if harmful(unseen, loaded.names) else loaded
+        other = None if loaded is chosen else _standing(unseen, second, loaded, rng)
+        if other is not None and timed(closer, loaded.names):
+            standing, chosen = other, loaded
     kept = standing.contests if chosen.names else ()
-    told = chosen.names <= standing.p_values.keys()
-    p_values = standing.p_values if told else familywise(unseen.found, chosen.names, rng)
-    return Decision(chosen=chosen, p_values=p_values, contests=kept, left=left)
+    return Decision(chosen=chosen, p_values=standing.p_values, contests=kept, left=left)
 
 
 def _significant(unseen: Unseen, second: Witness | None, closer: Witness, rng: np.random.Generator) -> Decision:
@@ -70,23 +70,31 @@ def _significant(unseen: Unseen, second: Witness | None, closer: Witness, rng: n
     cell relaxes within a second, of which the samples themselves show that part comes at once. One that does not is
     part of no set. Sets are dropped one by one; a catalogue of which the best are all refuted has nothing to say.
     """
-    found = unseen.found
     refuted: list[Names] = []
     absent: Names = frozenset()
     for _ in range(_MOST_REFUTED):
-        chosen = select(found, refuted, absent)
-        p_values = familywise(found, chosen.names, rng)
+        chosen = select(unseen.found, refuted, absent)
         if not chosen.names:
-            return Decision(chosen=chosen, p_values=p_values)
-        if all(p <= _SIGNIFICANT for p in p_values.values()) and not harmful(unseen, chosen.names):
-            rivals = contests(found, chosen.names, rng)
-            beaten = any(c.nats < -NEAR for c in rivals)
-            if not beaten and (second is None or _witnessed(found, second, chosen.names)):
-                if timed(closer, chosen.names):
-                    return Decision(chosen=chosen, p_values=p_values, contests=rivals)
-                absent = frozenset({TimeSkew.id})
+            return Decision(chosen=chosen, p_values={})
+        standing = _standing(unseen, second, chosen, rng)
+        if standing is not None:
+            if timed(closer, chosen.names):
+                return standing
+            absent = frozenset({TimeSkew.id})
         refuted.append(chosen.names)
     return Decision(chosen=NOTHING, p_values={})
+
+
+def _standing(unseen: Unseen, second: Witness | None, chosen: Selection, rng: np.random.Generator) -> Decision | None:
+    """The decision for a set that beats noise and phantoms, harms no unseen flight and has the other model's word."""
+    found, names = unseen.found, chosen.names
+    p_values = familywise(found, names, rng)
+    if any(p > _SIGNIFICANT for p in p_values.values()) or harmful(unseen, names):
+        return None
+    rivals = contests(found, names, rng)
+    if any(c.nats < -NEAR for c in rivals) or not (second is None or _witnessed(found, second, names)):
+        return None
+    return Decision(chosen=chosen, p_values=p_values, contests=rivals)
 
 
 def told_from_lab(found: Search, names: Names) -> bool:
