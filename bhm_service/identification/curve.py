@@ -13,6 +13,7 @@ from bhm_service.units import Array, Value
 
 # Knots of the curve: close where a LiPo cell's curve bends, at its empty end.
 KNOTS = np.concatenate([[0.0, 0.01, 0.02, 0.035, 0.05, 0.07, 0.09], np.arange(0.12, 0.985, 0.03), [1.0]])
+LASTING, LASTING_S = 0.5, 40.0  # of what a load drops at once, what builds up in some tens of seconds; [s]
 LOW_SOC = 0.10  # below, cells differ by more than a model can follow
 BENDS = np.linspace(0.0, 1.0, 21)  # where a fit may move it
 _TABLE = np.linspace(-0.12, 1.12, 1241)
@@ -87,10 +88,10 @@ def from_slow(experiment: Experiment, capacity_c: float) -> MonotoneSpline:
 def from_rates(experiments: Sequence[Experiment], capacity_c: float, resistance: float) -> MonotoneSpline:
     """The curve from discharges at several rates: at equal charge, voltage carried on to no current.
 
-    With one rate only, the drop at that rate is ``resistance`` [Ohm] times the current.
+    With one rate only, the drop at that rate comes to ``resistance`` [Ohm] times the current.
     """
     grid = np.linspace(0.0, 1.0, 201)
-    amps, rows = [], []
+    amps, rows, since = [], [], []
     for experiment in experiments:
         loaded = experiment.loaded & experiment.measured & (experiment.current_a > 0.0)
         soc = 1.0 - experiment.charge_c[loaded] / capacity_c
@@ -100,9 +101,11 @@ def from_rates(experiments: Sequence[Experiment], capacity_c: float, resistance:
         row[inside] = np.interp(grid[inside], soc[order], experiment.voltage_v[loaded][order])
         amps.append(float(np.median(experiment.current_a[loaded])))
         rows.append(row)
+        time = experiment.time_s[loaded]
+        since.append(np.interp(grid, soc[order], time[order] - time.min()))
     table, current = np.array(rows), np.array(amps)
     slowest = int(np.argmin(current))
-    drop = np.full(grid.size, resistance * current[slowest])
+    drop = resistance * current[slowest] * built_up(since[slowest])
     if np.ptp(current) > 0.3 * current.max():
         with np.errstate(invalid="ignore"):
             slope = [
@@ -118,6 +121,12 @@ def from_rates(experiments: Sequence[Experiment], capacity_c: float, resistance:
     at_rest = table[slowest] + drop
     known = np.isfinite(at_rest)
     return _smoothed(grid[known], at_rest[known])
+
+
+def built_up(since_s: Value) -> Value:
+    """Share of what a load drops in the end that is there so long [s] after it began."""
+    share: Value = (1.0 + LASTING * (1.0 - np.exp(-since_s / LASTING_S))) / (1.0 + LASTING)
+    return share
 
 
 def _smoothed(soc: Array, volts: Array) -> MonotoneSpline:

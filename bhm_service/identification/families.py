@@ -17,7 +17,7 @@ from bhm_service.battery.circ import Circ
 from bhm_service.battery.effects import SurfaceLag
 from bhm_service.battery.ocv import MOST_REST_V, CubicCapacitance, CurveRest, MonotoneSpline
 from bhm_service.battery.redlich_kister import horner, polynomial
-from bhm_service.identification.curve import BENDS, KNOTS, LOW_SOC, BentCurve, spline_of, table_of
+from bhm_service.identification.curve import BENDS, KNOTS, LASTING, LASTING_S, LOW_SOC, BentCurve, spline_of, table_of
 from bhm_service.identification.extras import OHM_C, Extras
 from bhm_service.identification.unknowns import Block, Unknowns, numbers, positive
 from bhm_service.units import SECONDS_PER_HOUR, Array
@@ -123,11 +123,10 @@ class CircFamily(Family):
 
     def blocks(self) -> list[Block]:
         ohm = self.ohm
-        # A pair of some tens of seconds, whatever the resistance turns out to be.
-        farad = 40.0 / (0.5 * ohm)
+        farad = LASTING_S / (LASTING * ohm)  # whatever the resistance turns out to be
         found = [
             positive("r_s", ohm, 0.02 * ohm, 20.0 * ohm, 3.0),
-            positive("r_sp0", 0.5 * ohm, 1e-3 * ohm, 20.0 * ohm, 4.0),
+            positive("r_sp0", LASTING * ohm, 1e-3 * ohm, 20.0 * ohm, 4.0),
             positive("r_sp1", 0.02 * ohm, 1e-6 * ohm, 5.0 * ohm, 20.0),
             replace(numbers("r_sp2", np.array([5.0]), 4.0, 5.0), high=np.array([25.0])),  # NCA: some 17
             positive("c_sp", farad, 1e-3 * farad, 300.0 * farad, 5.0),

@@ -10,7 +10,7 @@ import numpy as np
 from bhm_service.battery.ocv import MonotoneSpline
 from bhm_service.errors import BadInputError
 from bhm_service.identification.assess import step_resistance
-from bhm_service.identification.curve import from_rates, from_slow
+from bhm_service.identification.curve import LASTING, built_up, from_rates, from_slow
 from bhm_service.identification.experiment import Experiment, Kind
 from bhm_service.identification.extras import Extras
 from bhm_service.identification.families import ChemFamily, CircFamily, Family
@@ -40,29 +40,41 @@ class Premises:
     curve: MonotoneSpline
     curve_sd: float  # [V]
     scale_sd: tuple[float, ...]  # of each recording's own capacity, as a logarithm
+    by_loads: bool  # whether from full to empty is what the deepest recording under load took out
+    full_v: float | None  # that this one rested at before
     remarks: tuple[str, ...]
 
     def soc(self, experiment: Experiment) -> tuple[float, float]:
         """State of charge that a recording begins with: mean and standard deviation."""
         rested = experiment.rest_before
-        if experiment.kind is Kind.SLOW:
+        if experiment.kind is Kind.SLOW or self._from_full_to_empty(experiment):
             return 1.0, FULL_SOC_SD
         if rested is None:
             return 1.0, FULL_SOC_SD if experiment.full_at_start else _UNKNOWN_SOC_SD
         grid = np.linspace(0.0, 1.03, 1031)
-        return float(np.interp(rested, np.asarray(self.curve.voltage(grid)), grid)), FULL_SOC_SD
+        volts = np.asarray(self.curve.voltage(grid))
+        if self.full_v is not None:  # a curve that loads tell is off by more than two rests are
+            volts += self.full_v - float(np.asarray(self.curve.voltage(1.0)))
+        return float(np.interp(rested, volts, grid)), FULL_SOC_SD
+
+    def _from_full_to_empty(self, experiment: Experiment) -> bool:
+        """Whether it took out the charge that full and empty are apart by definition."""
+        return self.by_loads and float(np.max(experiment.charge_c)) > self.capacity_c * (1.0 - EXACT)
 
 
 def premises_of(experiments: Sequence[Experiment], capacity_ah: float | None) -> Premises:
     """Capacity (paper 7.1: the charge of the slow discharge) and open-circuit curve; ``capacity_ah`` overrules."""
     capacity_c, why = _capacity(experiments, capacity_ah)
     curve, curve_sd, how = _curve(experiments, capacity_c)
+    by_loads = capacity_ah is None and not any(e.kind is Kind.SLOW for e in experiments)
     begins = Premises(
         capacity_c=capacity_c,
         capacity_sd=_capacity_sd(experiments, capacity_ah),
         curve=curve,
         curve_sd=curve_sd,
         scale_sd=(EXACT,) * len(experiments),
+        by_loads=by_loads,
+        full_v=max(experiments, key=lambda e: float(np.max(e.charge_c))).rest_before if by_loads else None,
         remarks=(why, *how),
     )
     return begins if capacity_ah is not None else _of_their_age(begins, experiments)
@@ -108,10 +120,32 @@ def _curve(experiments: Sequence[Experiment], capacity_c: float) -> tuple[Monoto
             "pulses alone do not tell the open-circuit curve",
             "add a discharge from full to empty: --slow, --one-c or --rate",
         )
-    found = step_resistance(experiments)
-    ohm = found[0] if found is not None else _OHM_AH * SECONDS_PER_HOUR / capacity_c
     said = "open-circuit curve from discharges under load, carried on to no current: known to some 20 mV a cell"
-    return from_rates(experiments, capacity_c, 1.5 * ohm), _RATES_CURVE_SD, [said]
+    return from_rates(experiments, capacity_c, _lasting_ohm(experiments, capacity_c)), _RATES_CURVE_SD, [said]
+
+
+def _lasting_ohm(experiments: Sequence[Experiment], capacity_c: float) -> float:
+    """What a load of minutes drops by, for every ampere [Ohm]: half as much again as it does at once.
+
+    By steps of the current; by what has built up at a recording's first sample under load, where it is logged too
+    slowly for steps; by what cells usually have, where none begins at rest.
+    """
+    found = step_resistance(experiments)
+    if found is not None:
+        return (1.0 + LASTING) * found[0]
+    begun = [ohm for e in experiments if (ohm := _begun_ohm(e)) is not None]
+    return float(np.median(begun)) if begun else (1.0 + LASTING) * _OHM_AH * SECONDS_PER_HOUR / capacity_c
+
+
+def _begun_ohm(experiment: Experiment) -> float | None:
+    """The same by the drop from the rest before a load to its first sample; None where there is none."""
+    rested, under = experiment.rest_before, np.flatnonzero(experiment.loaded & experiment.measured)
+    if rested is None or not under.size:
+        return None
+    first = int(under[0])
+    drop = (rested - float(experiment.voltage_v[first])) / float(experiment.current_a[first])
+    since = float(experiment.time_s[first] - experiment.time_s[first - 1])
+    return drop / float(built_up(since)) if drop > 0.0 else None
 
 
 def _of_their_age(begins: Premises, experiments: Sequence[Experiment]) -> Premises:

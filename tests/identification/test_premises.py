@@ -41,3 +41,32 @@ def test_a_cell_that_aged_after_its_slow_discharge_is_the_later_one():
     premises = premises_of([slow(new, rng), one_c(aged, rng), variable(aged, rng)], None)
     assert premises.capacity_c == pytest.approx(0.95 * CAPACITY_C, rel=0.01)
     assert any("less capacity than the slow discharge gave" in said for said in premises.remarks)
+
+
+@pytest.mark.parametrize("ohm", [0.005, 0.06])
+@pytest.mark.parametrize("rest_s", [60.0, 0.0])
+def test_one_discharge_that_is_logged_slowly_tells_the_curve_by_what_its_load_drops(ohm, rest_s):
+    """From a rest; without one what drops is what cells usually drop."""
+    rng = np.random.default_rng(5)
+    time_s = np.arange(0.0, rest_s + 3600.0, 15.0)
+    amps = np.where(time_s >= rest_s, 0.95 * CAPACITY_C / 3600.0, 0.0)
+    cell = circ(r_s=ohm, r_sp0=0.4 * ohm)
+    recording = recorded(PackModel(cell, 1), "rate", Kind.RATE, time_s, amps, rng)
+    premises = premises_of([recording], None)
+    soc = np.linspace(0.3, 1.0, 71)  # of the charge that was taken out
+    out = float(np.max(recording.charge_c)) / CAPACITY_C
+    off = premises.curve.voltage(soc) - np.asarray(cell.ocv.voltage(1.0 - out * (1.0 - soc)))
+    lasting = 1.4 * ohm * float(amps.max())
+    assert np.max(np.abs(off)) < (0.25 * lasting + 0.005 if rest_s else lasting)
+
+
+def test_a_discharge_that_full_and_empty_are_taken_from_begins_full():
+    rng = np.random.default_rng(6)
+    pack = PackModel(circ(r_s=0.06, r_sp0=0.03, c_sp=1300.0), 1)
+    deep, short = (
+        recorded(pack, "rate", Kind.RATE, time_s, np.where(time_s >= 60.0, CAPACITY_C / 3600.0, 0.0), rng)
+        for time_s in (np.arange(0.0, 3600.0, 15.0), np.arange(0.0, 900.0, 15.0))
+    )
+    assert premises_of([deep, short], None).soc(deep)[0] == 1.0
+    told, _ = premises_of([deep, short], None).soc(short)  # by the voltage that it rested at
+    assert told == pytest.approx(1.0, abs=0.02)
