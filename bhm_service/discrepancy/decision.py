@@ -11,6 +11,7 @@ import numpy as np
 
 from bhm_service.battery.effects import TimeSkew, UnseenLoad
 from bhm_service.discrepancy import verdict
+from bhm_service.discrepancy.before_load import begins_as_read
 from bhm_service.discrepancy.bent_curve import bent_curve, bumped_curve
 from bhm_service.discrepancy.bent_lab import BentLab, bent_lab
 from bhm_service.discrepancy.changed_lag import ChangedLag, changed_lag
@@ -86,8 +87,13 @@ def _significant(unseen: Unseen, second: Witness | None, closer: Witness, rng: n
 
 
 def _standing(unseen: Unseen, second: Witness | None, chosen: Selection, rng: np.random.Generator) -> Decision | None:
-    """The decision for a set that beats noise and phantoms, harms no unseen flight and has the other model's word."""
+    """The decision for a set that beats noise and phantoms, harms no unseen flight and has the other model's word.
+
+    And that flights do not deny by what they read before their load.
+    """
     found, names = unseen.found, chosen.names
+    if not begins_as_read(found.fitted(names), found.added_by(names)):
+        return None
     p_values = familywise(found, names, rng)
     if any(p > _SIGNIFICANT for p in p_values.values()) or harmful(unseen, names):
         return None
