@@ -33,6 +33,7 @@ Ocv = Literal["auto", "spline", "cubic"]
 
 _COARSE = 500  # samples of a recording where forms are compared
 _STRAINED = 5.0  # times what was known of the charge that a recording begins with
+_MISSED_V = 0.025  # of a recording of the fit itself; cells that are followed are within 15 mV
 _STAGES = {"one-C": (Kind.ONE_C, Kind.RATE), "variable": (Kind.VARIABLE, Kind.PULSES)}
 _DOUBTS = 2  # rounds in which far samples come to count less
 _IN_BOTH_FORMS = {"circ": 20, "chem": 7}  # steps more, for what joins beside that which follows steps of a curve
@@ -165,7 +166,7 @@ def _one(
         ]
     cell = family.finished(solution.values)
     assert isinstance(cell, Circ | Chem)
-    remarks += _strained(solution, premises)
+    remarks += [*_strained(solution, premises), *_missed(model, assessments)]
     return ModelResult(
         model=model,
         cell=cell,
@@ -244,6 +245,16 @@ def _strained(solution: Solution, premises: Premises) -> list[str]:
                 "recordings of one pack, and of one age?"
             )
     return said
+
+
+def _missed(model: ModelName, assessments: Sequence[Assessment]) -> list[str]:
+    """Recordings of the fit that it does not follow."""
+    return [
+        f"{model} misses {a.label} by {1e3 * a.whole.rmse:.0f} mV a cell, though it was fitted to it, and is off by as "
+        "much in flight; a slow discharge (--slow) and pulses (--pulses) help most"
+        for a in assessments
+        if not a.held_out and a.whole.rmse > _MISSED_V
+    ]
 
 
 # ---- the file -------------------------------------------------------------------------------------------------------

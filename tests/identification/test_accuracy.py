@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from bhm_service.battery.battery_file import ModelName
@@ -133,6 +135,24 @@ def test_slow_one_c_and_pulses_of_a_real_cell_foretell_drive_cycles(lab: Path) -
         assert cycle < 0.015
         assert us06 < most
     assert not any("fits only as if" in remark for result in found.results for remark in result.remarks)
+
+
+def test_one_discharge_that_is_logged_every_ten_seconds_is_followed(lab: Path) -> None:
+    """2 A at 5 degC: the cell drops by a tenth of a volt for every half ampere."""
+    first, *_ = recordings(lab / "nasa_pcoe" / "B0053_every24th.csv.gz", Kind.ONE_C)
+    (result,) = identify(Request(experiments=(first,), series=1, models=("circ",))).results
+    (told,) = result.assessments
+    assert told.whole.rmse < 0.005
+    assert result.unseen_v < 0.05
+    assert not any(remark.startswith("circ misses") for remark in result.remarks)
+
+
+def test_a_recording_that_a_model_does_not_follow_is_said_to_be_missed(lab: Path) -> None:
+    first, *_ = recordings(lab / "nasa_pcoe" / "B0053_every24th.csv.gz", Kind.ONE_C)
+    waves = 0.06 * np.sign(np.sin(first.time_s / 100.0))
+    request = Request(experiments=(replace(first, voltage_v=first.voltage_v + waves),), series=1, models=("circ",))
+    (result,) = identify(request).results
+    assert any(remark.startswith(f"circ misses {first.label} by ") for remark in result.remarks)
 
 
 def test_capacity_of_every_discharge_of_an_ageing_cell_is_the_data_sets_own(lab: Path) -> None:
