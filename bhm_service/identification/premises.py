@@ -10,7 +10,7 @@ import numpy as np
 from bhm_service.battery.ocv import MonotoneSpline
 from bhm_service.errors import BadInputError
 from bhm_service.identification.assess import step_resistance
-from bhm_service.identification.curve import LASTING, built_up, from_rates, from_slow
+from bhm_service.identification.curve import LASTING, LASTING_S, built_up, from_rates, from_slow
 from bhm_service.identification.experiment import Experiment, Kind
 from bhm_service.identification.extras import Extras
 from bhm_service.identification.families import ChemFamily, CircFamily, Family
@@ -145,6 +145,8 @@ def _begun_ohm(experiment: Experiment) -> float | None:
     first = int(under[0])
     drop = (rested - float(experiment.voltage_v[first])) / float(experiment.current_a[first])
     since = float(experiment.time_s[first] - experiment.time_s[first - 1])
+    if since > LASTING_S:  # by then a cell has less charge, too
+        return None
     return drop / float(built_up(since)) if drop > 0.0 else None
 
 
