@@ -47,6 +47,5 @@ def begins_as_read(at: Fitted[Joint], added: Mapping[str, Array]) -> bool:
 
 def before_load(flight: FlightData) -> Flags:
     """The samples with a voltage that a flight begins with, while next to nothing is drawn."""
-    mean = np.mean(flight.current_a[flight.airborne] if flight.airborne.any() else flight.current_a)
-    idle = np.logical_and.accumulate(np.abs(flight.current_a) < _IDLE * mean)
+    idle = np.logical_and.accumulate(np.abs(flight.current_a) < _IDLE * np.mean(flight.flown_a))
     return np.asarray(idle & np.isfinite(flight.voltage_v))

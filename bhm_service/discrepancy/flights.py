@@ -67,6 +67,11 @@ class FlightData:
         return np.concatenate([[0.0], np.cumsum(steps)])
 
     @property
+    def flown_a(self) -> Array:
+        """Current in the air; all of it where nothing tells when that was. [A]"""
+        return self.current_a[self.airborne] if self.airborne.any() else self.current_a
+
+    @property
     def since_takeoff_s(self) -> Array:
         """Time since take-off [s], negative before it."""
         first = int(np.argmax(self.airborne)) if self.airborne.any() else 0

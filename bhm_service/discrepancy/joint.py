@@ -117,7 +117,7 @@ class Joint(Hypothesis):
     def counted_c(self, points: Array, flight: int) -> Array:
         """Charge [C] that the sensor counts from full to empty at one flight's mean load, for vectors (M, n); (M,)."""
         data = self.flights[flight]
-        told = float(np.mean(data.current_a[data.airborne] if data.airborne.any() else data.current_a))
+        told = float(np.mean(data.flown_a))
         kelvin = None if data.temperature_k is None else float(np.mean(data.temperature_k))
         pack = self._pack(points, np.array([flight]))
         drawn = pack.true_current(told)

@@ -61,7 +61,7 @@ def _steps(data: FlightData, _: float) -> FlightData:
 
 
 def _deep(data: FlightData, capacity_c: float) -> FlightData:
-    hover = float(np.mean(data.current_a[data.airborne])) if data.airborne.any() else float(data.current_a.mean())
+    hover = float(np.mean(data.flown_a))
     left = 0.85 * capacity_c - float(data.charge_c[-1])
     return data if left <= 0.0 else _extended(data, left / max(hover, 1e-3), hover, before=False)
 

@@ -70,8 +70,7 @@ class Scene:
     @cached_property
     def hover_a(self) -> float:
         """Mean current in the air. [A]"""
-        flown = [f.current_a[f.airborne] if f.airborne.any() else f.current_a for f in self.flights]
-        return float(np.mean(np.concatenate(flown)))
+        return float(np.mean(np.concatenate([f.flown_a for f in self.flights])))
 
     @cached_property
     def capacity_ah(self) -> float:

@@ -12,7 +12,7 @@ from bhm_service.errors import BadInputError
 from bhm_service.identification.assess import step_resistance
 from bhm_service.identification.curve import LASTING, LASTING_S, built_up, from_rates, from_slow
 from bhm_service.identification.experiment import Experiment, Kind
-from bhm_service.identification.extras import Extras
+from bhm_service.identification.extras import OHM_C, Extras
 from bhm_service.identification.families import ChemFamily, CircFamily, Family
 from bhm_service.identification.problem import FULL_SOC_SD, Problem, problem_of
 from bhm_service.identification.solve import solve
@@ -27,7 +27,6 @@ _DEEP = 0.5  # of the capacity: a recording that takes out less does not tell it
 _SLOW_SCALE_SD, _LOADED_SCALE_SD = 0.05, 0.02
 _UNKNOWN_SOC_SD = 0.01  # of a recording that begins under load
 _SLOW_CURVE_SD, _RATES_CURVE_SD = 0.004, 0.02  # [V]
-_OHM_AH = 0.025  # [Ohm Ah] of a LiPo cell, where no step of the current shows it
 _COARSE = 500  # samples of a recording are enough here
 
 
@@ -134,7 +133,7 @@ def _lasting_ohm(experiments: Sequence[Experiment], capacity_c: float) -> float:
     if found is not None:
         return (1.0 + LASTING) * found[0]
     begun = [ohm for e in experiments if (ohm := _begun_ohm(e)) is not None]
-    return float(np.median(begun)) if begun else (1.0 + LASTING) * _OHM_AH * SECONDS_PER_HOUR / capacity_c
+    return float(np.median(begun)) if begun else (1.0 + LASTING) * OHM_C * SECONDS_PER_HOUR / capacity_c
 
 
 def _begun_ohm(experiment: Experiment) -> float | None:
