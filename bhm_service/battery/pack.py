@@ -14,18 +14,10 @@ import numpy as np
 from bhm_service.battery.cell import UNMODIFIED, CellModel, Modifiers
 from bhm_service.battery.dynamics import Course, Solver, Step
 from bhm_service.battery.effects.base import Conditions, Effect, Instant, Interval, Spread
+from bhm_service.battery.feedback import Apart, Feedback, States, Swept
 from bhm_service.units import REFERENCE_TEMPERATURE_K, Array, Flags, Value
 
-States = tuple[Value, ...]
 _COLDEST_K, _HOTTEST_K = 220.0, 400.0  # a temperature that is a state is held where the equations mean something
-# Feedback is swept over windows of a recording until it stands still; windows grow while that is quick.
-_WINDOW_S = 600.0
-_FEW_SWEEPS, _MOST_SWEEPS = 4, 14
-_SWEEP_TOLERANCE = 1e-10  # of a state's size: with temperatures 3e-8 K, which is below a nanovolt
-# Likewise of what is only compared with a run that it hardly differs from: a thousandth of what a step of differences
-# does to a temperature.
-_NEAR_TOLERANCE = 1e-6
-_NEAR_SAMPLES = 240  # of a window of many such runs: what is swept should fit a processor's cache
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +27,12 @@ class Simulation:
     voltage: Array  # [V] as the sensor would read it
     soc: Array  # [-]
     temperature: Value  # [K] of the cells: measured, or what an effect makes of it
-    states: tuple[Array, ...]  # in the order of `PackModel.state_names`
+    swept: Swept
+
+    @property
+    def states(self) -> tuple[Array, ...]:
+        """In the order of `PackModel.state_names`."""
+        return self.swept.states
 
 
 class PackModel:
@@ -63,12 +60,17 @@ class PackModel:
         self._modifying = self._with("modifiers")
         self._lagging = self._with("curve_lag")
         self._heating = self._with("heat")
-        self._moving = self._with("advance")
+        moving = self._with("advance")
+        self._fed = [(effect, where) for effect, where in moving if effect.feedback]  # by heat, which they act on
+        self._calm = [(effect, where) for effect, where in moving if not effect.feedback]
         self._adding = self._with("extra_voltage")
         self._resisting = self._with("series_resistance")
         self._sensing = self._with("measured_voltage")
         self._uneven = self._with("odd_cell")
         self.has_feedback = any(effect.feedback for effect in self.effects)
+        self._fed_states, self._calm_states = (
+            [k for _, where in those for k in range(where.start, where.stop)] for those in (self._fed, self._calm)
+        )
 
     def _with(self, hook: str) -> list[tuple[Effect, slice]]:
         return [(e, where) for e, where in self._slices if hook in e.own_hooks]
@@ -165,6 +167,7 @@ class PackModel:
         begin: Value,
         end: Value,
         temperature: Value | None,
+        apart: Apart | None = None,
     ) -> States:
         """``start``: states before the first interval; ``before``: at the beginning of each (for one step the same)."""
         for effect, _ in self._current:
@@ -179,15 +182,20 @@ class PackModel:
         if len(start) == n:
             return cell
         ends = [*cell, *start[n:]]
-        if self._moving:
-            losses: Value = 0.0
-            if self.has_feedback:
-                before = (*map(solver.begin, start[:n], cell), *before[n:])
-                losses = self._losses(before, begin, known, by)
-            soc = before[0] if self.has_feedback else solver.begin(start[0], cell[0])
-            interval = Interval(begin, end, by, soc, known, losses, self.cell)
-            for effect, where in self._moving:
+        interval = Interval(begin, end, by, solver.begin(start[0], cell[0]), known, 0.0, self.cell)
+        for effect, where in self._calm:
+            ends[where] = effect.advance(solver, start[where], interval)
+        if self._fed:
+            # Heat is taken from where the others now are, not from where they were a sweep ago.
+            now = list(before)
+            for k in (*range(n), *self._calm_states):
+                now[k] = solver.begin(start[k], ends[k])
+            interval = interval._replace(losses=self._losses(tuple(now), begin, known, by))
+        for effect, where in self._fed:
+            if apart is None:
                 ends[where] = effect.advance(solver, start[where], interval)
+            else:
+                ends[where] = apart.advance(effect, before[where], interval)
         return tuple(ends)
 
     def _losses(self, states: States, cell_current: Value, known: Value, by: Modifiers) -> Value:
@@ -307,7 +315,7 @@ class PackModel:
         current_a: Array,
         soc: Value,
         temperature_k: Array | None = None,
-        near: States | None = None,
+        near: Swept | None = None,
     ) -> Simulation:
         """Run along a recording, open loop, from rest.
 
@@ -317,73 +325,24 @@ class PackModel:
         current_a : array (..., T)   measured pack current, straight between samples. [A]
         soc : float or array (..., 1)   state of charge assumed at the first sample.
         temperature_k : array (..., T) or None   of the pack. [K]
-        near : states (..., T)       of runs that these differ from by steps of differences: where feedback starts.
+        near : Swept (..., T)        of runs that these differ from by steps of differences: where feedback starts.
 
         Parameters of the cell and of the effects may carry leading axes as well, then with a last axis of one.
         """
         start = self.start(soc)
         dt, begin, end = np.diff(time_s), current_a[..., :-1], current_a[..., 1:]
         temperature = None if temperature_k is None else temperature_k[..., 1:]
+        ends: States
+        following: tuple[Array, ...] = ()
         if self.has_feedback:
-            ends = self._swept(dt, start, begin, end, temperature, near)
+            feedback = Feedback(self._advance, self._n_cell, self._fed_states, -1.0 / self.capacity_c)
+            ends, following = feedback.swept(dt, start, begin, end, temperature, near)
         else:
             ends = self._advance(Course(dt), start, start, begin, end, temperature)
         states = tuple(_from_start(s, e, time_s.shape[-1]) for s, e in zip(start, ends, strict=True))
         voltage = np.asarray(self._voltage(states, current_a, temperature_k))
         known = self._known(states, temperature_k)
-        return Simulation(voltage=voltage, soc=states[0], temperature=known, states=states)
-
-    def _swept(
-        self, dt: Array, start: States, begin: Array, end: Array, temperature: Array | None, near: States | None
-    ) -> States:
-        """States at the ends of all intervals where they act on what moves them, window by window."""
-        longest = dt.max(axis=tuple(range(dt.ndim - 1)))
-        elapsed = np.cumsum(longest)
-        per_ampere = -1.0 / self.capacity_c
-        pieces: list[States] = []
-        low, width = 0, _WINDOW_S if near is None else _NEAR_SAMPLES * float(np.median(longest))
-        while low < elapsed.size:
-            since = elapsed[low] - longest[low]
-            high = max(int(np.searchsorted(elapsed, since + width, side="right")), low + 1)
-            window = slice(low, high)
-            solver = Course(dt[..., window])
-            flows = begin[..., window], end[..., window]
-            known = None if temperature is None else temperature[..., window]
-            if near is None:
-                counted = solver.counter(start[0], flows[0] * per_ampere, flows[1] * per_ampere)
-                before: States = (solver.begin(start[0], counted), *start[1:])
-            else:
-                before = tuple(np.asarray(state)[..., window] for state in near)
-            tolerance = _SWEEP_TOLERANCE if near is None else _NEAR_TOLERANCE
-            ends, sweeps = self._settled(solver, start, before, *flows, known, tolerance)
-            if sweeps > _MOST_SWEEPS and high - low > 1:
-                width *= 0.5
-                continue
-            pieces.append(ends)
-            start = tuple(np.asarray(e)[..., -1:] for e in ends)
-            low = high
-            if sweeps <= _FEW_SWEEPS and near is None:
-                width *= 2.0
-        return tuple(np.concatenate(state, axis=-1) for state in zip(*pieces, strict=True))
-
-    def _settled(
-        self,
-        solver: Course,
-        start: States,
-        before: States,
-        begin: Array,
-        end: Array,
-        temperature: Array | None,
-        tolerance: float,
-    ) -> tuple[States, int]:
-        """States at the ends of a window's intervals, and the sweeps it took; one too many: it did not settle."""
-        acting = (0, *range(self._n_cell, len(start)))  # what modifiers and heat are taken from
-        for sweep in range(1, _MOST_SWEEPS + 1):
-            ends = self._advance(solver, start, before, begin, end, temperature)
-            previous, before = before, tuple(map(solver.begin, start, ends))
-            if all(_close(previous[k], before[k], tolerance) for k in acting):
-                return ends, sweep
-        return ends, _MOST_SWEEPS + 1
+        return Simulation(voltage=voltage, soc=states[0], temperature=known, swept=Swept(states, following))
 
 
 def _columns(states: Array) -> States:
@@ -398,8 +357,3 @@ def _from_start(start: Value, ends: Value, length: int) -> Array:
     joined[..., :1] = start
     joined[..., 1:] = ends
     return joined
-
-
-def _close(previous: Value, now: Value, tolerance: float) -> bool:
-    off = np.abs(previous - now) > tolerance * (1.0 + np.abs(now))  # not a number counts as settled
-    return not np.any(off)

@@ -11,6 +11,7 @@ import numpy as np
 from bhm_service.battery.effects.base import Effect
 from bhm_service.battery.effects.slow_diffusion import SlowDiffusion
 from bhm_service.battery.effects.time_skew import TimeSkew
+from bhm_service.battery.feedback import Swept
 from bhm_service.battery.pack import PackModel, Simulation
 from bhm_service.discrepancy import forms as form
 from bhm_service.discrepancy.abreast import Abreast, abreast
@@ -61,9 +62,7 @@ class Joint(Hypothesis):
 
     # By flights, the vectors that were run along them last where states act on what moves them, and their states: a
     # fit asks for a vector's residuals, and when it has taken it for their slopes.
-    _last: dict[bytes, tuple[bytes, tuple[Value, ...]]] = field(
-        default_factory=dict, init=False, repr=False, compare=False
-    )
+    _last: dict[bytes, tuple[bytes, Swept]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def _pack(self, x: Array, flights: Places) -> PackModel:
         """The pack of some flights for vectors (M, n); its numbers are (M, flights, 1)."""
@@ -93,20 +92,25 @@ class Joint(Hypothesis):
         if pack.has_feedback and leading is not None:
             first, of = np.unique(leading, return_inverse=True)
             if first.size < leading.size:
-                shape = (first.size, *group.time_s.shape)
-                near = tuple(np.broadcast_to(state, shape)[of] for state in self._led(x[first], group))
+                led, among = self._led(x[first], group), (first.size, len(group.places))
+                near = Swept(
+                    *(
+                        tuple(np.broadcast_to(one, (*among, np.shape(one)[-1]))[of] for one in own)
+                        for own in (led.states, led.following)
+                    )
+                )
         start = x[:, self.places[STARTS]][:, group.places, None]
         skew_s = self._skew_s(x)
         current_a = group.current_at(skew_s) if skew_s.any() else group.current_a
         run = pack.simulate(group.time_s, current_a, start, group.temperature_k, near)
         if pack.has_feedback and near is None:
-            self._last[group.places.tobytes()] = x.tobytes(), run.states
+            self._last[group.places.tobytes()] = x.tobytes(), run.swept
         return run
 
-    def _led(self, x: Array, group: Abreast) -> tuple[Value, ...]:
+    def _led(self, x: Array, group: Abreast) -> Swept:
         """States of vectors (M, n) along flights, from which others are swept."""
-        known, states = self._last.get(group.places.tobytes(), (b"", ()))
-        return states if known == x.tobytes() else self._simulated(x, group, self._pack(x, group.places)).states
+        known, swept = self._last.get(group.places.tobytes(), (b"", None))
+        return swept if swept and known == x.tobytes() else self._simulated(x, group, self._pack(x, group.places)).swept
 
     def temperature(self, x: Array, flight: int) -> Array:
         """Temperature of the pack [K] along one flight for vectors (M, n): measured, or as the members have it."""

@@ -225,10 +225,21 @@ def test_a_step_of_differences_begins_where_it_differs_from_and_says_the_same(ce
 
     step = 0.01
     here, there = (cold(275.0 + by).simulate(T, STEADY, 0.95) for by in (0.0, step))
-    beside = cold(275.0 + step).simulate(T, STEADY, 0.95, near=here.states)
+    beside = cold(275.0 + step).simulate(T, STEADY, 0.95, near=here.swept)
     slopes = [(run.voltage - here.voltage) / step for run in (there, beside)]
     np.testing.assert_allclose(slopes[1], slopes[0], atol=2e-3 * np.abs(slopes[0]).max())
     assert np.abs(slopes[0]).max() > 0.005
+
+
+@BOTH
+def test_less_is_left_of_a_warmth_that_takes_away_from_its_own_heat(cell):
+    """Of the air's temperature all is left, of a warmth alone exp(-dt hA / C); a warmer cell has a lower resistance."""
+    heating = fx.SelfHeating(heat_capacity=200.0, conductance=2.0, ambient=268.0)
+    run = PackModel(cell, N, 1.0, [fx.ResistanceTemperature(activation_energy=30e3), heating]).simulate(T, STEADY, 0.95)
+    of_ambient, of_warmth = run.swept.following
+    assert (of_ambient == 1.0).all()
+    fed = np.exp(-2.0 / 200.0) - of_warmth[T.size // 3 : T.size // 2]
+    assert 1e-3 < fed.min() < fed.max() < 5e-3  # 60 W that change by 3 % a kelvin, over 200 J/K
 
 
 def test_entropy_moves_the_resting_voltage_and_heats():
