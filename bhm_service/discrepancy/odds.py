@@ -26,6 +26,9 @@ LAWS = frozenset({"resistance-temperature", "self-discharge"})
 # Of what is asked of these, where what the structure gets wrong in the lab is known and taken off already.
 _TOLD_SHARE = 0.6
 _TOLD = STRUCTURAL - {"time-skew"}  # no lab sees what relaxes faster than it samples
+# What shapes the drop under a load: what a model gets wrong of that at the lab's temperature is another thing where it
+# is warmer or colder.
+OF_DROP = frozenset({"resistance-shape", "slow-diffusion", "charge-transfer", "rate-capacity"})
 LEAST_SNR = 3.0  # below, these recordings cannot show an effect of the usual size
 
 Names = frozenset[str]

@@ -19,7 +19,7 @@ from bhm_service.discrepancy.forms import of_start
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.marginal import likelier, likeliest
 from bhm_service.discrepancy.noise import Noise
-from bhm_service.discrepancy.odds import BRIEF, LAWS, LEAST_SNR, NATS, NEAR, STRONG, Names, needed
+from bhm_service.discrepancy.odds import BRIEF, LAWS, LEAST_SNR, NATS, NEAR, OF_DROP, STRONG, Names, needed
 from bhm_service.discrepancy.onset import begun, later
 from bhm_service.discrepancy.physical import as_known
 from bhm_service.discrepancy.starts import bends_the_lab, carried, colder, hides, seeks, starts_of, vanished
@@ -159,13 +159,16 @@ class Search:
     def needed(self, name: str, names: Names = frozenset()) -> float:
         """What a member of a set has to earn on these flights. [nats]
 
-        That a curve bent further than any lab's is of another shape needs no longer odds than any other effect.
+        That a curve bent further than any lab's is of another shape needs no longer odds than any other effect. Beside
+        an effect of temperature a lab has told nothing of the drop's structure: it was told where that does nothing.
         """
         if self.bent and names == {OcvShape.id}:
             return NATS
         law = name in self.laws and (not names or name in self.lawful(names))
         alone = name in names and all(map(of_start, names - {name}))
-        return STRONG if law else needed(name, self.base.lab.form_told, alone=alone)
+        warmth = any("temperature" in EFFECTS[other].drivers for other in names - {name})
+        told = self.base.lab.form_told and not (warmth and name in OF_DROP)
+        return STRONG if law else needed(name, told, alone=alone)
 
     def credit(self, names: Names) -> float:
         """Of a set's evidence, what it has from what is measured beside the pack's voltage. [nats]"""

@@ -99,6 +99,25 @@ def test_structure_alone_has_to_beat_noise_only_where_the_lab_took_its_own_off(t
     assert select(found).names == chosen
 
 
+@pytest.mark.parametrize(("beside", "nats", "slow_too"), [("warmth", 24.0, False), ("warmth", 32.0, True),
+                                                          ("fade", 24.0, True)])  # fmt: skip
+def test_what_a_lab_told_of_the_drops_structure_it_did_not_tell_of_other_temperatures(beside, nats, slow_too):
+    slow = frozenset({"slow-diffusion"})
+    other, effect, kelvins = {
+        "warmth": (frozenset({"resistance-temperature"}), {"activation_energy": 22e3}, AMBIENT_K),
+        "fade": (FADE, {"fade": 0.12}, (298.15,) * 4),
+    }[beside]
+    effects = [EFFECTS["slow-diffusion"](resistance=1.6e-3, time_constant=300.0), EFFECTS[min(other)](**effect)]
+    flights = tuple(flown(effects, seed=5, number=k, kelvin=kelvin) for k, kelvin in enumerate(kelvins))
+    found = searching(flights, slow | other)
+    found.base = replace(found.base, lab=told_its_form(found.base.lab))
+    for names in (frozenset(), other, slow, slow | other):
+        found.fitted(names)
+    earning(found, slow | other, found.evidence(other) + nats)
+    earning(found, slow, 0.0)
+    assert select(found).names == other | (slow if slow_too else frozenset())
+
+
 @pytest.mark.parametrize(("behind_by", "rivals"), [(4.0, 1), (7.0, 0)])
 def test_what_is_hardly_behind_is_a_rival_though_it_has_not_earned_a_name_by_itself(behind_by, rivals):
     """Once the battery as it is is ruled out, only how they compare tells two effects apart."""
