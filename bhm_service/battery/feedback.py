@@ -62,7 +62,7 @@ class Feedback:
     advance: Advance
     n_cell: int  # states of the cell, which come first, its state of charge before all
     fed: Sequence[int]  # columns of the states that are moved by what they act on
-    per_ampere: Value  # [1/As] what a cell's state of charge loses, effects aside
+    per_ampere: Value  # [1/As] by which a cell's state of charge moves, effects aside
 
     def swept(
         self, dt: Array, start: States, begin: Array, end: Array, temperature: Array | None, near: Swept | None
