@@ -49,7 +49,7 @@ Advance = Callable[[Solver, States, States, Value, Value, Value | None, Apart | 
 
 
 class Swept(NamedTuple):
-    """A pack's states along a recording (..., T or T - 1), and how what feeds back follows its own beginnings."""
+    """A pack's states along a recording (..., T), and how what feeds back follows its own beginnings."""
 
     states: tuple[Array, ...]
     following: tuple[Array, ...]  # of each such state, the slope of every interval's end by its beginning (..., T - 1)
@@ -66,8 +66,8 @@ class Feedback:
 
     def swept(
         self, dt: Array, start: States, begin: Array, end: Array, temperature: Array | None, near: Swept | None
-    ) -> Swept:
-        """States at the ends of all intervals.
+    ) -> tuple[States, tuple[Array, ...]]:
+        """States at the ends of all intervals, and `Swept.following`.
 
         Parameters
         ----------
@@ -75,7 +75,7 @@ class Feedback:
         start : states (..., 1)             before the first of them.
         begin, end : array (..., T - 1)     measured pack current. [A]
         temperature : array (..., T - 1) or None   of the pack. [K]
-        near : Swept (..., T)               of runs that these differ from by steps of differences, all samples.
+        near : Swept (..., T)               of runs that these differ from by steps of differences.
         """
         longest = dt.max(axis=tuple(range(dt.ndim - 1)))
         elapsed = np.cumsum(longest)
@@ -101,7 +101,7 @@ class Feedback:
             low = high
             if sweeps <= _FEW_SWEEPS and near is None:
                 width *= 2.0
-        return Swept(_joined(pieces), _joined(slopes))
+        return _joined(pieces), _joined(slopes)
 
     def _first(
         self, solver: Course, start: States, begin: Array, end: Array, window: slice, near: Swept | None
@@ -129,16 +129,16 @@ class Feedback:
         following: States,
         tolerance: float,
     ) -> tuple[States, States, int]:
-        """States at the ends of a window's intervals, `following`, and the sweeps it took; too many: not settled.
+        """States at the ends of a window's intervals, `following`, and the sweeps it took; one too many: not settled.
 
         What feeds back is moved over every interval by itself, and the intervals are then joined by how the end of
         each follows its beginning, which is what the last two sweeps differ by (a secant for each interval).
         """
         acting = (0, *range(self.n_cell, len(start)))  # what modifiers and heat are taken from
         alone: States = ()
-        previous, sweep = before, 0
-        while sweep <= _MOST_SWEEPS:
-            sweep += 1
+        previous, sweeps, settled = before, 0, False
+        while not settled and sweeps < _MOST_SWEEPS:
+            sweeps += 1
             apart = Apart(solver.dt, probing=not following)
             ends = list(self.advance(solver, start, before, begin, end, temperature, apart))
             was, alone = alone, tuple(ends[k] for k in self.fed)
@@ -150,10 +150,9 @@ class Feedback:
             for k, slope in zip(self.fed, following, strict=True):
                 ends[k] = recurrence(np.asarray(slope), np.asarray(ends[k] - slope * before[k]), start[k])
             previous, before = before, tuple(map(solver.begin, start, ends))
-            if all(_close(previous[k], before[k], tolerance) for k in acting):
-                break
+            settled = all(_close(previous[k], before[k], tolerance) for k in acting)
         shaped = tuple(np.broadcast_to(f, np.shape(ends[k])) for k, f in zip(self.fed, following, strict=True))
-        return tuple(ends), shaped, sweep
+        return tuple(ends), shaped, sweeps if settled else _MOST_SWEEPS + 1
 
 
 def _close(previous: Value, now: Value, tolerance: float) -> bool:

@@ -68,9 +68,7 @@ class PackModel:
         self._sensing = self._with("measured_voltage")
         self._uneven = self._with("odd_cell")
         self.has_feedback = any(effect.feedback for effect in self.effects)
-        self._fed_states, self._calm_states = (
-            [k for _, where in those for k in range(where.start, where.stop)] for those in (self._fed, self._calm)
-        )
+        self._fed_states, self._calm_states = _places(self._fed), _places(self._calm)
 
     def _with(self, hook: str) -> list[tuple[Effect, slice]]:
         return [(e, where) for e, where in self._slices if hook in e.own_hooks]
@@ -343,6 +341,11 @@ class PackModel:
         voltage = np.asarray(self._voltage(states, current_a, temperature_k))
         known = self._known(states, temperature_k)
         return Simulation(voltage=voltage, soc=states[0], temperature=known, swept=Swept(states, following))
+
+
+def _places(effects: Iterable[tuple[Effect, slice]]) -> list[int]:
+    """Columns of the states that effects have."""
+    return [k for _, where in effects for k in range(where.start, where.stop)]
 
 
 def _columns(states: Array) -> States:
