@@ -10,7 +10,7 @@ from statistics import median
 
 import numpy as np
 import pytest
-from discrepancy.commanded import bhm
+from commanded import bhm
 from discrepancy.flown import BATTERY, flown
 from discrepancy.tables import write
 

@@ -6,14 +6,13 @@ import json
 from pathlib import Path
 
 import pytest
-from discrepancy.commanded import bhm
+from commanded import bhm
+from identified_packs import identified_pack, shared_folder
 
 from bhm_service.battery.battery_file import MODELS, read_battery
 from bhm_service.discrepancy.findings import read_findings
 
 CASES = Path(__file__).resolve().parents[3] / "shared" / "cases"
-# Two packs: the lab's recordings are the same in all cases of one (the README there says which).
-PACKS = {"null": "kokam12", "fade": "nca16"}
 AT_ONCE = ("null", "fade", "connector")
 LONG = ("cold-seen", "cold-hidden", "partial-charge", "unseen-load", "contact-and-cold")  # in `make proofs`
 NAMES = [*AT_ONCE, *(pytest.param(name, marks=pytest.mark.long) for name in LONG)]
@@ -22,19 +21,8 @@ pytestmark = pytest.mark.skipif(not CASES.is_dir(), reason="../shared/cases is a
 
 @pytest.fixture(scope="session")
 def battery(tmp_path_factory):
-    """The battery file of a pack by name, identified once."""
-    folder = tmp_path_factory.mktemp("packs")
-
-    def of(pack):
-        path = folder / f"{pack}.toml"
-        if not path.exists():
-            (case,) = [c for c, p in PACKS.items() if p == pack]
-            lab = CASES / case / "lab"
-            bhm("identify", "--slow", lab / "slow.csv.gz", "--one-c", lab / "one_c.csv.gz", "--variable",
-                lab / "variable.csv.gz", "--series", "6", "-o", path)  # fmt: skip
-        return path
-
-    return of
+    """The battery file of a pack by name."""
+    return lambda pack: identified_pack(pack, CASES, shared_folder(tmp_path_factory))[0]
 
 
 def missed(truth, found):

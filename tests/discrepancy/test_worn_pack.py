@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
-from discrepancy.commanded import bhm
+from commanded import bhm
 
 NEW, WORN = ("flight_29.csv", "flight_32.csv"), "flight_31.csv"
 # Made up: the recordings say which pack is worn, not how many cycles it had.

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from identified_packs import CASES, identified_pack, shared_folder
 
 from bhm_service.battery.battery_file import ModelName
 from bhm_service.errors import BadInputError
@@ -18,8 +19,7 @@ from bhm_service.identification.experiment import Experiment, Kind, discharges
 from bhm_service.identification.identify import Identified, Request, identify
 from bhm_service.units import SECONDS_PER_HOUR
 
-# Two packs of another simulator; the names are those of the cases whose lab runs are read, nothing else of them.
-PACKS = ("null", "fade")
+# Of two packs of another simulator; of the cases whose lab runs are read nothing else is.
 FITTED_V: dict[ModelName, float] = {"circ": 0.012, "chem": 0.010}
 
 
@@ -57,15 +57,17 @@ def three(cases: Path, pack: str) -> list[Experiment]:
     return [e for name, kind in kinds.items() for e in recordings(cases / pack / "lab" / f"{name}.csv.gz", kind, 6)]
 
 
-@pytest.mark.parametrize("pack", PACKS)
-def test_three_experiments_give_a_cell_that_follows_each_of_them(cases: Path, pack: str) -> None:
-    found = identify(Request(experiments=tuple(three(cases, pack)), series=6))
+@pytest.mark.parametrize("pack", CASES)
+def test_three_experiments_give_a_cell_that_follows_each_of_them(
+    cases: Path, pack: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    _, found = identified_pack(pack, cases, shared_folder(tmp_path_factory))
     for model, most in FITTED_V.items():
         assert max(errors(found, model, unseen=False).values()) < most
     assert not any("fits only as if" in remark for result in found.results for remark in result.remarks)
 
 
-@pytest.mark.parametrize("pack", PACKS)
+@pytest.mark.parametrize("pack", CASES.values())
 def test_slow_and_one_c_foretell_the_variable_load_and_the_capacity(cases: Path, pack: str) -> None:
     *fitted, variable = three(cases, pack)
     found = identify(Request(experiments=tuple(fitted), held_out=(variable,), series=6))
