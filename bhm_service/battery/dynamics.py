@@ -11,6 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
+from bhm_service.battery.alike import once
 from bhm_service.units import Array, Value
 
 _LEAST_RATIO = 1e-12  # of an interval and a time constant; what is less is taken for that
@@ -74,6 +75,9 @@ class Course:
         return start + np.cumsum(change, axis=-1)
 
     def lag(self, start: Value, target_begin: Value, target_end: Value, tau: Value) -> Value:
+        return once(self._lag, start, target_begin, target_end, tau)
+
+    def _lag(self, start: Value, target_begin: Value, target_end: Value, tau: Value) -> Array:
         decay, of_begin, of_end = _shares(self.dt / tau)
         return recurrence(decay, target_begin * of_begin + target_end * of_end, start)
 

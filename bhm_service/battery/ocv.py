@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
+from bhm_service.battery.alike import once
 from bhm_service.units import Array, Value
 
 # Resolution of the table that a curve is read from; linear between entries, so the error is h^2/8 times the
@@ -67,7 +68,10 @@ class MonotoneSpline:
         object.__setattr__(self, "_table", monotone_cubic(x, y, grid))
 
     def voltage(self, soc: Value) -> Value:
-        return np.interp(soc, self._grid, self._table)
+        return once(self._read, soc)
+
+    def _read(self, soc: Value) -> Array:
+        return np.asarray(np.interp(soc, self._grid, self._table))
 
 
 @dataclass(frozen=True, slots=True)

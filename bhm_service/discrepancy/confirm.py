@@ -15,7 +15,7 @@ import numpy as np
 from bhm_service.battery.effects.contact import IntermittentContact
 from bhm_service.discrepancy.candidate import Candidate, Unknown
 from bhm_service.discrepancy.cores import on_cores
-from bhm_service.discrepancy.fitting import Fitted, fit
+from bhm_service.discrepancy.fitting import Fitted, fit, moved
 from bhm_service.discrepancy.flights import FlightData
 from bhm_service.discrepancy.forms import of_start
 from bhm_service.discrepancy.hypothesis import STARTS
@@ -249,9 +249,9 @@ def predicted_from_quarter(
     shared = [] if learnt is None else [name for name in learnt.joint.places if name not in joint.per_flight]
     x = seen.unknowns.start if learnt is None else learnt.into(seen, shared)
     moving = [*(seen.per_flight - held), *([] if learnt is None else _untold(learnt))]
-    own = fit(seen, noise, x, rounds=6, moving=moving)
+    own = moved(seen, noise, x, moving, rounds=6)
     full = subset(replace(joint, flights=_put(joint.flights, index, _alone(data))), [index])
-    foreseen = own.x.copy()
+    foreseen = own.copy()
     for u in _not_begun(full.members, float(quarter.time_s[-1])):
         foreseen[full.unknowns.slice_of(u.name)] = u.declared.absent
     return np.asarray(full.predicted(foreseen[None, :], 0).voltage[0])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Generic, Protocol
@@ -54,8 +54,13 @@ class Problem(Protocol):
         """For each flight whitened residuals (N,)."""
         ...
 
-    def linearised(self, x: Array, noise: Noise) -> tuple[list[Array], list[Slopes]]:
-        """For each flight whitened residuals (N,) and their slopes by the vector in standard deviations."""
+    def linearised(
+        self, x: Array, noise: Noise, moving: Collection[str] | None = None
+    ) -> tuple[list[Array], list[Slopes]]:
+        """For each flight whitened residuals (N,) and their slopes by the vector in standard deviations.
+
+        ``moving`` names the blocks whose slopes are asked for, all of them if left out.
+        """
         ...
 
 
@@ -209,7 +214,7 @@ def fit(
     noise: Noise,
     start: Array | None = None,
     rounds: int = 30,
-    moving: Sequence[str] | None = None,
+    moving: Collection[str] | None = None,
     aim: float | None = None,
 ) -> Fitted[ProblemT]:
     """Maximum a posteriori by damped Gauss-Newton inside the bounds.
@@ -218,13 +223,31 @@ def fit(
     ``moving`` names the blocks that move. What is far from the cost ``aim``, by default that of noise alone, is not
     looked at closely: it will not be the answer.
     """
+    return _descended(joint, noise, start, rounds, moving, aim, None)
+
+
+def moved(joint: ProblemT, noise: Noise, start: Array, moving: Collection[str], rounds: int = 30) -> Array:
+    """The vector (n,) of such a `fit`, sooner: nothing is learnt of the blocks that stand still."""
+    return _descended(joint, noise, start, rounds, moving, None, moving).x
+
+
+def _descended(
+    joint: ProblemT,
+    noise: Noise,
+    start: Array | None,
+    rounds: int,
+    moving: Collection[str] | None,
+    aim: float | None,
+    asked: Collection[str] | None,
+) -> Fitted[ProblemT]:
+    """As `fit`; ``asked`` names the blocks whose slopes are made."""
     unknowns = joint.unknowns
     still = np.zeros(unknowns.start.size, dtype=bool)
     for block in unknowns.blocks if moving is not None else ():
         still[unknowns.slice_of(block.name)] = block.name not in (moving or ())
     low, high, scale = unknowns.low, unknowns.high, joint.scale
     x = np.clip(unknowns.start if start is None else start, low, high)
-    rows, slopes = joint.linearised(x, noise)
+    rows, slopes = joint.linearised(x, noise, asked)
     cost = _cost(joint, x, rows)
     curvature, gradient = _curvature(joint, rows, slopes), _gradient(joint, x, rows, slopes)
     damping, slow = _DAMPING, False
@@ -244,7 +267,7 @@ def fit(
         if gain <= 0.0:
             break
         x, cost = trial, cost - gain
-        rows, slopes = joint.linearised(x, noise)
+        rows, slopes = joint.linearised(x, noise, asked)
         curvature, gradient = _curvature(joint, rows, slopes), _gradient(joint, x, rows, slopes)
         share = gain / max(expected, gain * _LEAST_DAMPING)
         damping = max(damping * max(0.2, 1.0 - (2.0 * share - 1.0) ** 3), _LEAST_DAMPING)
@@ -286,6 +309,12 @@ def _boxed_step(matrix: Array, gradient: Array, low: Array, high: Array, held: F
 def cost_of(joint: Problem, x: Array, noise: Noise) -> float:
     """What a fit makes as small as it can: Huber's sum over the flights, and what was known before."""
     return _cost(joint, x, joint.residuals(x, noise))
+
+
+def nearest(joint: Joint, tried: Sequence[Array], noise: Noise) -> Array:
+    """The vector that costs least of some that may be far from each other."""
+    rows = joint.each_residuals(np.stack(tried), noise)
+    return tried[int(np.argmin([_cost(joint, x, own) for x, own in zip(tried, rows, strict=True)]))]
 
 
 def _cost(joint: Problem, x: Array, rows: Sequence[Array]) -> float:

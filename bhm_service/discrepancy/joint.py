@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import prod
@@ -26,6 +27,7 @@ from bhm_service.units import Array, Places, Value
 _REST_SD_V = 0.002  # of a cell, beside what the open-circuit curve is known to
 _STEP = 1e-3  # of finite differences, in standard deviations of what was known before
 _HALF = 0.5  # of charge: what a pack can be asked at for all of it
+_AT_ONCE = 16  # vectors far from each other that are run side by side: more take more memory, and no less time
 _NEAR_STEP = 1e-6  # of finite differences over the charge, and over what the drop has grown to
 
 
@@ -166,7 +168,8 @@ class Joint(Hypothesis):
             found |= {int(k): run.of(row, self.flights[k]) for row, k in enumerate(group.places)}
         return [found[k] for k in range(len(self.flights))]
 
-    def _run(self, points: Array, group: Abreast, forms: bool = True) -> _Run:
+    def _run(self, points: Array, group: Abreast, forms: bool = True, far: bool = False) -> _Run:
+        """Of vectors (M, n) that hardly differ from the first, or are ``far`` from each other."""
         count = points.shape[0]
         formed = forms and any(points[:, own].any() for own in self.forms_by_flight)
         bare, of = self._bare(points if formed else points[:1])
@@ -174,11 +177,11 @@ class Joint(Hypothesis):
         leading = np.zeros(everything.shape[0], dtype=np.intp)
         leading[count + of] = count + of[:, :1]
         pack = self._pack(everything, group.places)
-        run = self._simulated(everything, group, pack, leading)
+        run = self._simulated(everything, group, pack, None if far else leading)
         wide = np.broadcast_to(run.voltage, (everything.shape[0], *group.time_s.shape))
         soc = np.broadcast_to(run.soc, wide.shape)[:count]
         grown = self._grown(pack, run, group, everything.shape[0], count)
-        voltage = wide[:count] + self._beside(points, group, soc, grown)
+        voltage = wide[:count] + self._beside(points, group, soc, grown, far)
         members = [wide[: rows.size] - wide[count + rows] for rows in of]
         if formed:
             for charges, own, added in zip(self.form_knots, self.forms_by_flight, members, strict=True):
@@ -194,13 +197,20 @@ class Joint(Hypothesis):
         bare, of = _different(self._without(points).reshape(-1, points.shape[1]))
         return bare, of.reshape(len(self.members), points.shape[0])
 
-    def _beside(self, points: Array, group: Abreast, soc: Array, grown: Array | None) -> Array:
+    def _beside(self, points: Array, group: Abreast, soc: Array, grown: Array | None, far: bool) -> Array:
         """What the lab's errors that only add do add to the voltage (M, F, T), near the first vector's charges.
 
-        Likewise near what its members make of the drop.
+        Likewise near what its members make of the drop. Of vectors that are ``far`` from it, each at its own.
         """
         rows, of = _different(np.column_stack([self._skew_s(points), points[:, self.lab_adding]]))
         along = [group.followed_at(float(skew)) for skew in rows[:, 0]]
+        if far:
+            total = np.empty(soc.shape)
+            for k, (row, (late, now)) in enumerate(zip(rows, along, strict=True)):
+                those = of == k
+                by = None if grown is None else grown[:, those]
+                total[those] = self.lab.beside(row[1:], late[:, None], now, soc[those], by)
+            return total
         first = None if grown is None else grown[:, 0]
         own = np.stack([self.lab.beside(row[1:], *late, soc[0], first) for row, late in zip(rows, along, strict=True)])
         total = own[of]
@@ -317,18 +327,37 @@ class Joint(Hypothesis):
             found |= {int(k): own[0] for k, own in zip(group.places, rows, strict=True)}
         return [found[k] for k in range(len(self.flights))]
 
-    def linearised(self, x: Array, noise: Noise) -> tuple[list[Array], list[Slopes]]:
-        """Whitened residuals of every flight, and their derivatives by the vector in standard deviations."""
+    def each_residuals(self, points: Array, noise: Noise) -> list[list[Array]]:
+        """The residuals of vectors (M, n) that may be far from each other, sooner than of one after the other."""
+        found: list[list[Array]] = []
+        for few in np.split(points, range(_AT_ONCE, points.shape[0], _AT_ONCE)):
+            rows: dict[int, Array] = {}
+            for group in abreast(self.flights):
+                whitened = self._rows(self._run(few, group, far=True), group, noise)
+                rows |= zip(group.places.tolist(), whitened, strict=True)
+            found += [[rows[flight][k] for flight in range(len(self.flights))] for k in range(few.shape[0])]
+        return found
+
+    def linearised(
+        self, x: Array, noise: Noise, moving: Collection[str] | None = None
+    ) -> tuple[list[Array], list[Slopes]]:
+        """Whitened residuals of every flight, and their derivatives by the vector in standard deviations.
+
+        By the blocks named, or by all of them.
+        """
         found: dict[int, tuple[Array, Slopes]] = {}
-        used = self.columns
+        used, asked = self._asked(moving)
         points, steps = self.moved(x, used)
+        bends = np.flatnonzero(asked < BEND_SOC.size)
         for group in abreast(self.flights):
             run = self._run(points, group)
-            added = self._added(run, group, float(self._skew_s(x[None, :])[0]))
+            added = np.empty((0, *group.time_s.shape))
+            if asked.size:
+                added = self._added(run, group, float(self._skew_s(x[None, :])[0]))[asked]
             white = self._whitened(added, group, noise)
             parts = zip(group.places.tolist(), group.flights, self._rows(run, group, noise), strict=True)
             for k, (flight, data, rows) in enumerate(parts):
-                count, moved, places = data.time_s.size, used[flight], self.additions[flight]
+                count, moved, places = data.time_s.size, used[flight], self.additions[flight, asked]
                 # A number's slopes lie side by side: they are made so.
                 slope = np.zeros((moved.size + places.size, rows.shape[1]))
                 adding = slope[moved.size :]
@@ -336,10 +365,18 @@ class Joint(Hypothesis):
                 adding[:, :count] = white[:, k, :count] * -self.scale[places][:, None]
                 slope[:, :count][:, group.unread[k, :count]] = 0.0
                 if rows.shape[1] > count:
-                    bends = slice(0, BEND_SOC.size)
                     adding[bends, -1] = -added[bends, k, count - 1] * self.scale[places[bends]] / self._rest_sd_v
                 found[flight] = rows[0], Slopes(slope.T, np.concatenate([moved, places]), x.size)
         return [found[k][0] for k in range(len(self.flights))], [found[k][1] for k in range(len(self.flights))]
+
+    def _asked(self, moving: Collection[str] | None) -> tuple[Places, Places]:
+        """Of some blocks, or of all, the numbers that `columns` has (flights, ..), and which `additions` are theirs."""
+        if moving is None:
+            return self.columns, np.arange(self.additions.shape[1])
+        numbers = [np.arange(p.start, p.stop) for name, p in self.places.items() if name in moving]
+        theirs = np.concatenate([np.zeros(0, dtype=np.intp), *numbers])
+        used = self.columns[:, np.isin(self.columns[0], theirs)]
+        return used, np.flatnonzero(np.isin(self.additions[0], theirs))
 
     def slopes_of(self, member: Candidate, x: Array, noise: Noise) -> list[Array]:
         """Derivatives (rows, numbers) of every flight's whitened residuals by the numbers of one member's effects."""

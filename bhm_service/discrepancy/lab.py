@@ -271,7 +271,7 @@ class Lab:
         if "lag" in places:
             lags = np.tensordot(sizes[places["lag"]], late[:-1], axes=1)
             if "lag_at" in places:
-                lags += np.interp(soc, LAG_SOC, sizes[places["lag_at"]]) * late[_LAG_AT]
+                lags = lags + np.interp(soc, LAG_SOC, sizes[places["lag_at"]]) * late[_LAG_AT]
             volts = volts - self._fall_v(soc) * lags / self._hover_a
         return np.asarray(self.series * volts)
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize
+from scipy.signal import lfilter
 from scipy.special import chdtri
 
-from bhm_service.battery.dynamics import recurrence
 from bhm_service.units import Array
 
 SUDDEN = 0.2  # of the ohmic drop of a sudden change: what relaxes within a sample no lab at one hertz tells
@@ -95,8 +95,7 @@ class Noise:
         # The first sample counts for what the process does on average, and the filter starts from there.
         np.divide(residual[..., :1], np.sqrt(self._gain), out=white[..., :1])
         gain = residual[..., 1:] - self.phi * residual[..., :-1]
-        # `scipy.signal` does this a quarter sooner, and takes most of a second to be imported.
-        white[..., 1:] = recurrence(np.full(gain.shape[-1], self.theta), gain, white[..., :1])
+        white[..., 1:], _ = lfilter([1.0], [1.0, -self.theta], gain, axis=-1, zi=self.theta * white[..., :1])
         white /= self.scale_v * beside
         return white
 

@@ -14,7 +14,7 @@ from bhm_service.discrepancy.bent_curve import bent_curve
 from bhm_service.discrepancy.candidate import Candidate
 from bhm_service.discrepancy.cores import on_cores
 from bhm_service.discrepancy.first_order import expected_snr, linear_gain, saturated_noise
-from bhm_service.discrepancy.fitting import Bare, Fitted, cost_of, fit
+from bhm_service.discrepancy.fitting import Bare, Fitted, cost_of, fit, moved
 from bhm_service.discrepancy.forms import of_start
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.marginal import likelier, likeliest
@@ -128,7 +128,8 @@ class Search:
     def added(self, names: Names) -> Array:
         """What each member of a set adds to the pack's voltage over all flights [V]; (members, samples)."""
         if names not in self._added:
-            self._added[names] = by_members(self.fitted(names))
+            at = self.fitted(names)
+            self._added[names] = by_members(at.joint, at.x)
         return self._added[names]
 
     def added_by(self, names: Names) -> dict[str, Array]:
@@ -144,7 +145,8 @@ class Search:
             x = at.into(at.joint, list(own))
             # What is slow here, and nothing's to explain but the lab's, would give what is brief any size.
             moving = [name for name, of in own.items() if of not in BRIEF]
-            self._alone[names] = by_members(fit(replace(at.joint, lean={}), self.noise, x, moving=moving))
+            joint = replace(at.joint, lean={})
+            self._alone[names] = by_members(joint, moved(joint, self.noise, x, moving))
         return self._alone[names]
 
     def gains(self, names: Names) -> dict[str, float]:
@@ -222,11 +224,11 @@ def _begun_at(joint: Joint, noise: Noise, begin: Callable[[], Array], aim: float
     return fit(joint, noise, begin(), aim=aim).bare
 
 
-def by_members(at: Fitted) -> Array:
+def by_members(joint: Joint, x: Array) -> Array:
     """What each member adds; what shows only beside another is its own, and not a part of that one as well."""
-    parts = np.concatenate([p.members for p in at.joint.all_predicted(at.x[None, :])], axis=1)
-    names = [member.id for member in at.joint.members]
-    for own, member in zip(parts, at.joint.members, strict=True):
+    parts = np.concatenate([p.members for p in joint.all_predicted(x[None, :])], axis=1)
+    names = [member.id for member in joint.members]
+    for own, member in zip(parts, joint.members, strict=True):
         beside = [k for k, name in enumerate(names) if member.shown_beside(frozenset({name}))]
         if beside and not member.shown_beside(frozenset()):
             parts[beside[0]] -= own

@@ -87,7 +87,7 @@ def shares_of(fitted: Fitted, courses: Sequence[Course]) -> dict[str, float]:
     """Of the power by which the voltage is moved, each member's; the rest is what the lab left open."""
     if not fitted.joint.members:
         return {}
-    parts = by_members(fitted)
+    parts = by_members(fitted.joint, fitted.x)
     moved = np.concatenate([c.after_v - c.before_v for c in courses])
     power = np.mean(np.vstack([parts, moved - parts.sum(axis=0)]) ** 2, axis=1)
     return {m.id: float(own / power.sum()) for m, own in zip(fitted.joint.members, power, strict=False)}

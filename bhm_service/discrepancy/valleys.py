@@ -13,7 +13,7 @@ import numpy as np
 
 from bhm_service.battery.effects.time_skew import TimeSkew
 from bhm_service.discrepancy.candidate import Candidate
-from bhm_service.discrepancy.fitting import Fitted, cost_of, fit
+from bhm_service.discrepancy.fitting import Fitted, fit, moved, nearest
 from bhm_service.discrepancy.hypothesis import STARTS
 from bhm_service.discrepancy.joint import Joint
 from bhm_service.discrepancy.noise import Noise
@@ -61,7 +61,7 @@ def _deepest(joint: Joint, start: Array, noise: Noise) -> Array:
         x = start.copy()
         x[own], x[labs] = skew, 0.0
         tried.append(x)
-    return min(tried, key=lambda x: cost_of(joint, x, noise))
+    return nearest(joint, tried, noise)
 
 
 def by_equation(joint: Joint, noise: Noise) -> Array:
@@ -85,6 +85,6 @@ def _joined(joint: Joint, joining: Sequence[Candidate], x: Array, noise: Noise) 
             trial[joint.places[u.name]] = absent + times * (u.usual - absent)
         trial = np.clip(trial, joint.unknowns.low, joint.unknowns.high)
         tried[trial.tobytes()] = trial
-    nearest = min(tried.values(), key=lambda trial: cost_of(joint, trial, noise), default=x)
     own = [u.name for member in joining for u in member.unknowns]
-    return fit(joint, noise, nearest, _ROUNDS, moving=own).x if own else x
+    begin = nearest(joint, [*tried.values()], noise) if tried else x
+    return moved(joint, noise, begin, own, _ROUNDS) if own else x

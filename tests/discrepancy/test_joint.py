@@ -236,6 +236,38 @@ def test_flights_side_by_side_are_as_each_alone(names):
             np.testing.assert_allclose(mine, found, atol=near * np.abs(mine).max() + 1e-9)
 
 
+@pytest.mark.parametrize("told", [None, False, True], ids=["", "told", "told by charge"])
+@pytest.mark.parametrize("members", MEMBERS, ids=IDS)
+def test_vectors_far_from_each_other_are_as_each_alone(told, members):
+    """With lab's errors that bend over the charge, forms, and skews, more of them than are taken at once."""
+    rng = np.random.default_rng(11)
+    joint = with_members(UNLIKE, members)
+    joint = joint if told is None else replace(joint, lab=told_its_form(joint.lab, by_charge=told))
+    start, apart = joint.unknowns.start, rng.normal(size=(19, joint.scale.size))
+    points = np.clip(start + joint.scale * apart, joint.unknowns.low, joint.unknowns.high)
+    points[7] = points[3]
+    for x, rows in zip(points, joint.each_residuals(points, NOISE), strict=True):
+        for own, alone in zip(rows, joint.residuals(x, NOISE), strict=True):
+            np.testing.assert_allclose(own, alone, atol=1e-6)
+
+
+@pytest.mark.parametrize("members", MEMBERS, ids=IDS)
+def test_derivatives_by_some_numbers_are_those_among_all(members):
+    joint = with_members(UNLIKE, members)
+    x = joint.unknowns.start + 0.3 * joint.scale * np.sin(np.arange(joint.scale.size))
+    first, blocks = sorted(members)[0], joint.places
+    moving = {"start_soc", "lab_bends", "form_flight." + first, *(n for n in blocks if n.startswith(f"{first}."))}
+    asked = np.concatenate([np.arange(blocks[n].start, blocks[n].stop) for n in moving])
+    rows, some = joint.linearised(x, NOISE, moving)
+    whole = joint.linearised(x, NOISE)
+    for own, alone, slope, full in zip(rows, whole[0], some, whole[1], strict=True):
+        np.testing.assert_allclose(own, alone, atol=1e-9)
+        kept = np.zeros_like(full.full())
+        kept[:, asked] = full.full()[:, asked]
+        # Heat that feeds back is swept until all rows are near enough, so it depends on which there are.
+        np.testing.assert_allclose(slope.full(), kept, atol=1e-4 * np.abs(kept).max())
+
+
 def test_a_companion_that_two_members_have_is_one():
     """Both carry the pack's own heat, because no flight has a temperature: the first copy is the one that counts."""
     flights = [flown(number=k, samples=150) for k in range(2)]

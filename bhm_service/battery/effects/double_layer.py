@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from bhm_service.battery.alike import once
 from bhm_service.battery.dynamics import Solver
 from bhm_service.battery.effects.base import Effect, Instant, Interval
 from bhm_service.battery.parameters import parameter
@@ -42,7 +43,7 @@ class DoubleLayer(Effect):
         speed = interval.by.kinetics * interval.by.transfer
         thermal = 2.0 * GAS_CONSTANT / FARADAY * interval.temperature
         per_ampere = 0.5 / (self.exchange_current * speed)
-        begin, end = (thermal * np.arcsinh(per_ampere * i) for i in (interval.begin, interval.end))
+        begin, end = (thermal * once(np.arcsinh, per_ampere * i) for i in (interval.begin, interval.end))
         return (solver.lag(start[0], begin, end, self.time_constant),)
 
     def heat(self, state: tuple[Value, ...], now: Instant) -> Value:

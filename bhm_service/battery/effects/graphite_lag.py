@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from bhm_service.battery.alike import once
 from bhm_service.battery.dynamics import Solver
 from bhm_service.battery.effects.base import Effect, Instant, Interval, Spread
 from bhm_service.battery.effects.sphere import SPREAD, START, STEADY, behind, surface
@@ -94,4 +95,8 @@ _U_C = graphite_v(_X)
 
 
 def _u_c(x: Value) -> Value:
-    return np.interp(x, _X, _U_C)
+    return once(_read, x)
+
+
+def _read(x: Value) -> Array:
+    return np.asarray(np.interp(x, _X, _U_C))
