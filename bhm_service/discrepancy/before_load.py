@@ -7,7 +7,7 @@ flights begin at a full pack's voltage.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -49,3 +49,13 @@ def before_load(flight: FlightData) -> Flags:
     """The samples with a voltage that a flight begins with, while next to nothing is drawn."""
     idle = np.logical_and.accumulate(np.abs(flight.current_a) < _IDLE * np.mean(flight.flown_a))
     return np.asarray(idle & np.isfinite(flight.voltage_v))
+
+
+def unloaded_a(flights: Sequence[FlightData]) -> float | None:
+    """What the current sensor reads on average before flights' load begins. [A] None where all begin under load."""
+    means = []
+    for flight in flights:
+        rests = np.logical_and.accumulate(flight.current_a < _IDLE * np.mean(flight.flown_a))
+        if rests.any():
+            means.append(float(np.mean(flight.current_a[rests])))
+    return float(np.mean(means)) if means else None

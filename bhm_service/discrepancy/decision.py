@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bhm_service.battery.effects import TimeSkew, UnseenLoad
+from bhm_service.battery.effects import CurrentOffset, TimeSkew, UnseenLoad
 from bhm_service.discrepancy import verdict
-from bhm_service.discrepancy.before_load import begins_as_read
+from bhm_service.discrepancy.before_load import begins_as_read, unloaded_a
 from bhm_service.discrepancy.bent_curve import bent_curve, bumped_curve
 from bhm_service.discrepancy.bent_lab import BentLab, bent_lab
 from bhm_service.discrepancy.changed_lag import ChangedLag, changed_lag
@@ -32,6 +32,7 @@ from bhm_service.discrepancy.timing import timed
 
 _MOST_REFUTED = 8  # sets that are put to the test, the best first
 _DEAF = 2.0  # times the error that a model is off by in the lab: a witness beyond hears its own errors only
+_MOST = 0.5  # of a current
 _SIGNIFICANT = 0.02  # over the whole catalogue
 
 
@@ -55,11 +56,11 @@ def decide(
     standing = _significant(unseen, second, closer, rng)
     chosen = standing.chosen if told_from_lab(unseen.found, standing.chosen.names) else NOTHING
     chosen, left = outweighed(unseen.found, chosen, closer.lab, logs)
-    if isinstance(left, Recurring):
-        loaded = with_the_load(unseen.found, chosen)
-        other = None if loaded is chosen else _standing(unseen, second, loaded, rng)
-        if other is not None and timed(closer, loaded.names):
-            standing, chosen = other, loaded
+    for likelier in (with_the_load,) if isinstance(left, Recurring) else (with_the_zero,):
+        first = likelier(unseen.found, chosen)
+        other = None if first is chosen else _standing(unseen, second, first, rng)
+        if other is not None and timed(closer, first.names):
+            standing, chosen = other, first
     kept = standing.contests if chosen.names else ()
     return Decision(chosen=chosen, p_values=standing.p_values, contests=kept, left=left)
 
@@ -167,6 +168,27 @@ def with_the_load(found: Search, chosen: Selection) -> Selection:
         return chosen
     others = tuple(names for names in equals if names != loaded)
     return Selection(loaded, others, found.earned(loaded), added(found, loaded))
+
+
+def with_the_zero(found: Search, chosen: Selection) -> Selection:
+    """The selection where the sensor reads less than nothing before the load: it has its zero off in a load's place.
+
+    Nothing charges a pack on the ground. Where most of what a load past the sensor would draw is in that reading, there
+    is no such load, however much more usual its size would be than the zero's.
+    """
+    equals = (chosen.names, *chosen.alternatives)
+    loaded = next((names for names in equals if UnseenLoad.id in names), None)
+    read_a = unloaded_a(found.base.flights)
+    if loaded is None or read_a is None or all(c.id != CurrentOffset.id for c in found.candidates):
+        return chosen
+    at = found.fitted(loaded)
+    drawn_a = float(at.joint.values(at.x[None, :])[f"{UnseenLoad.id}.current"][0, 0])
+    if -read_a <= _MOST * drawn_a:
+        return chosen
+    zeroed = loaded - {UnseenLoad.id} | {CurrentOffset.id}
+    found.fitted(zeroed, at)
+    others = tuple(names for names in equals if names != zeroed and UnseenLoad.id not in names)
+    return Selection(zeroed, others, found.earned(zeroed), added(found, zeroed))
 
 
 def _foreign(found: Search, names: Names, left: Recurring | ChangedLag | Pattern | None) -> Pattern | None:

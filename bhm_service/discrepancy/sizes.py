@@ -12,6 +12,7 @@ from bhm_service.battery.cell import Modifiers
 from bhm_service.battery.effects import EFFECTS
 from bhm_service.battery.effects.charge_transfer import further_drop, ohmic_chord, other_bend
 from bhm_service.battery.effects.shapes import OcvShape, ResistanceShape
+from bhm_service.discrepancy.before_load import unloaded_a
 from bhm_service.discrepancy.cells import lowest_cell
 from bhm_service.discrepancy.explanation import Course
 from bhm_service.discrepancy.flights import FlightData
@@ -30,6 +31,7 @@ from bhm_service.units import (
 )
 
 _TELLING = 0.005  # of a resistance: half a percent more is one percent in words
+_READABLE_A = 0.05  # with one decimal: nothing charges a pack on the ground
 
 
 @dataclass(frozen=True)
@@ -258,7 +260,9 @@ def _current_gain(s: Scene) -> str:
 
 def _current_offset(s: Scene) -> str:
     offset = s.value("offset")
-    return f"the current sensor reads {abs(offset):.1f} A too {'low' if offset > 0.0 else 'high'} at all times"
+    said = f"the current sensor reads {abs(offset):.1f} A too {'low' if offset > 0.0 else 'high'} at all times"
+    idle = unloaded_a(s.flights)
+    return f"{said}: {idle:.1f} A before the load begins" if idle is not None and idle < -_READABLE_A else said
 
 
 def _voltage_gain(s: Scene) -> str:

@@ -36,14 +36,16 @@ def noise(rng, size, phi=0.9, white_v=0.006, coloured_v=0.006):
     return white_v * rng.standard_normal(size) + coloured_v * slow
 
 
-def flown(effects=(), *, model="circ", seed=0, number=0, kelvin=None, samples=SAMPLES, step_s=STEP_S, rested=True):
+def flown(
+    effects=(), *, model="circ", seed=0, number=0, kelvin=None, samples=SAMPLES, step_s=STEP_S, rested=True, idle_a=0.3
+):
     """One flight from full: half a minute on the ground, gusts and throttle steps, a minute of rest at the end."""
     rng = np.random.default_rng([seed, number])
     t = step_s * np.arange(float(samples))
     airborne = (t >= 30.0) & (t < t[-1] - _LANDED_S)
     gusts = lfilter([1.0], [1.0, -0.8], rng.standard_normal(samples)) * 0.9
     bursts = np.where((t // 45).astype(int) % 4 == number % 4, 6.0, 0.0)
-    current = np.where(airborne, np.maximum(_HOVER_A + gusts + bursts, 1.0), 0.3)
+    current = np.where(airborne, np.maximum(_HOVER_A + gusts + bursts, 1.0), idle_a)
     pack = PackModel(BATTERY.cell(model), SERIES, 1.0, effects)
     warmth = None if kelvin is None else kelvin + 8.0 * (1.0 - np.exp(-t / 500.0))
     run = pack.simulate(t, current, 1.0, warmth)
@@ -51,8 +53,9 @@ def flown(effects=(), *, model="circ", seed=0, number=0, kelvin=None, samples=SA
     if rested:
         landed = np.stack([np.ravel(s)[-1] for s in run.states])
         at = None if warmth is None else float(warmth[-1])
-        # Unplugged: what flows past the sensor while flying does not flow any more.
-        bare = PackModel(BATTERY.cell(model), SERIES, 1.0, [e for e in effects if e.id != "unseen-load"])
+        # Unplugged: nothing flows, whatever a sensor would read or miss.
+        kept = [e for e in effects if e.id not in ("unseen-load", "current-offset")]
+        bare = PackModel(BATTERY.cell(model), SERIES, 1.0, kept)
         states = bare.step(landed, _REST_S, 0.0, 0.0, at)
         rest = float(bare.voltage(states, 0.0, at)) + 0.005 * float(rng.standard_normal())
     return FlightData(

@@ -153,6 +153,15 @@ def test_a_sensor_is_told_by_what_flows_when_it_reads_a_hover():
     assert "reads 4.8 % too low: where it says 22.1 A, 23.2 A flow" in said("current-gain", {"gain": 0.05})
 
 
+@pytest.mark.parametrize(
+    ("idle_a", "told"), [(-1.7, "2.0 A too low at all times: -1.7 A before the load"), (0.3, "times;")]
+)
+def test_a_zero_that_is_off_is_shown_where_a_sensor_reads_less_than_nothing(idle_a, told):
+    """What drops then is told after it, as of all effects."""
+    idle = [replace(f, current_a=np.where(f.time_s < 30.0, idle_a, 22.0)) for f in COLD_AND_MILD]
+    assert told in said("current-offset", {"offset": 2.0}, idle)
+
+
 def test_every_episode_of_a_contact_is_told_with_its_times():
     values = {
         "resistance": np.array([10.0, 5.0]),
