@@ -93,7 +93,22 @@ def airs_k(flights: Sequence[FlightData]) -> list[float | None]:
     return [None] * len(flights)
 
 
-def flown_of(data: FlightData, air_k: float | None = None) -> Flown | None:
+@dataclass(frozen=True, slots=True)
+class Zero:
+    """By how much a current sensor reads too little [A], and the voltage at which the power is taken as it is read.
+
+    Vehicle files have power as sensors read it, so what such a reading lacks at every charge is of the hover's level.
+    What it lacks more of while the pack is full is nothing that the vehicle asks for.
+    """
+
+    missing_a: float = 0.0
+    at_v: float = 0.0
+
+
+EXACT = Zero()
+
+
+def flown_of(data: FlightData, air_k: float | None = None, zero: Zero = EXACT) -> Flown | None:
     """A flight as the demand side sees it, in air so warm; None where it is hardly in the air or tells no motion."""
     air = np.flatnonzero(data.airborne)
     if air.size == 0:
@@ -114,7 +129,7 @@ def flown_of(data: FlightData, air_k: float | None = None) -> Flown | None:
     return Flown(
         label=data.label,
         time_s=t[inside],
-        power_w=(data.voltage_v * data.current_a)[inside],
+        power_w=(data.voltage_v * data.current_a + zero.missing_a * (data.voltage_v - zero.at_v))[inside],
         climb_mps=data.climb_mps[inside],
         airspeed_mps=data.speed_mps[inside],
         density=density if weighed else np.full(pressure.size, AIR_DENSITY),

@@ -1,6 +1,7 @@
 """The demand side of an explanation: power given motion, against the demand model of the vehicle file.
 
-It shares nothing with the battery's side but the recordings, so a payload can never be named a cold battery.
+It shares nothing with the battery's side but the recordings and a current sensor's zero, so a payload can never be
+named a cold battery.
 """
 
 from __future__ import annotations
@@ -12,7 +13,18 @@ import numpy as np
 
 from bhm_service.config import Vehicle
 from bhm_service.discrepancy.demand_drift import drifting
-from bhm_service.discrepancy.demand_model import LEVEL_SD, Craft, Demand, Flown, Term, airs_k, craft_of, flown_of
+from bhm_service.discrepancy.demand_model import (
+    EXACT,
+    LEVEL_SD,
+    Craft,
+    Demand,
+    Flown,
+    Term,
+    Zero,
+    airs_k,
+    craft_of,
+    flown_of,
+)
 from bhm_service.discrepancy.demand_search import PAYLOAD, Chosen, DemandSearch, Fit, choose, rms, search, unseen
 from bhm_service.discrepancy.demand_words import demand_effect_in_words, demand_sentence
 from bhm_service.discrepancy.findings import ChangePoint, EffectFound, Quantity, Verdict
@@ -75,9 +87,12 @@ class NotLooked:
     because: str
 
 
-def demand_side(vehicle: Vehicle | None, flights: Sequence[FlightData]) -> DemandSide | NotLooked:
+def demand_side(
+    vehicle: Vehicle | None, flights: Sequence[FlightData], missing_a: float = 0.0
+) -> DemandSide | NotLooked:
     """Diagnose the power of the flights, where a vehicle file and their motion allow it.
 
+    ``missing_a`` is what the battery's side found the current sensor to read too little at all times. [A]
     Raises BadInputError for a wrong demand table of the vehicle file.
     """
     if vehicle is None:
@@ -86,7 +101,9 @@ def demand_side(vehicle: Vehicle | None, flights: Sequence[FlightData]) -> Deman
     if craft is None:
         return NotLooked("the vehicle file has no [rotors]")
     airs = airs_k(flights)
-    told = (flown_of(data.thinned(_SAMPLES), air_k) for data, air_k in zip(flights, airs, strict=True))
+    aloft_v = np.concatenate([data.voltage_v[data.airborne] for data in flights])
+    zero = Zero(missing_a, float(np.nanmean(aloft_v))) if missing_a else EXACT
+    told = (flown_of(data.thinned(_SAMPLES), air_k, zero) for data, air_k in zip(flights, airs, strict=True))
     flown = [f for f in told if f is not None]
     if len(flown) < _FEWEST:
         return NotLooked(f"{len(flown)} of the flights tell climb and speed in the air, {_FEWEST} are needed")

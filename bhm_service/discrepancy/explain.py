@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bhm_service.battery.battery_file import BatteryFile, ModelName
-from bhm_service.battery.effects import EFFECTS
+from bhm_service.battery.effects import EFFECTS, CurrentOffset
 from bhm_service.config import Vehicle
 from bhm_service.discrepancy import verdict
 from bhm_service.discrepancy.advice import advice
@@ -134,8 +134,14 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
             effect_in_words(e.id, values_of(teller(fits, e.id), e.id), lab, flights, courses) for e in findings.effects
         ],
         findings=findings,
-        demand=demand_side(request.vehicle, request.flights),
+        demand=demand_side(request.vehicle, request.flights, _missing_a(fitted)),
     )
+
+
+def _missing_a(fitted: Fitted) -> float:
+    """What a set has the current sensor read too little at all times. [A]"""
+    values = fitted.joint.values(fitted.x[None, :])
+    return float(values.get(f"{CurrentOffset.id}.offset", np.zeros((1, 1)))[0, 0])
 
 
 def _lab(request: Request, model: ModelName, flights: Sequence[FlightData]) -> Lab:

@@ -54,6 +54,18 @@ def ids(found):
     return [e.id for e in found.effects]
 
 
+def test_what_a_sensor_reads_too_little_at_all_times_is_no_power_that_nothing_explains():
+    """It is less of the power the lower the voltage, as if flights took more and more."""
+    flights = [ridden(k) for k in range(4)]
+    volts = np.linspace(25.0, 19.0, flights[0].time_s.size)
+    flights = [replace(f, voltage_v=volts, current_a=f.voltage_v * f.current_a / volts - 3.0) for f in flights]
+    as_read, known = (demand_side(vehicle(CLIMB), flights, missing_a) for missing_a in (0.0, 3.0))
+    assert as_read.verdict == "unknown" and as_read.rest > 0.5
+    assert known.verdict == "none" and known.rest == 0.0
+    # Power stays what the sensor reads: the vehicle file is used beside the same sensor.
+    assert known.level.value == pytest.approx(as_read.level.value, abs=0.01)
+
+
 def test_a_vehicle_that_flies_as_its_file_says_lacks_nothing(complete):
     assert complete.verdict == "none"
     assert complete.effects == () and complete.change_points == () and complete.repaired is None
