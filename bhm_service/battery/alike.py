@@ -21,10 +21,13 @@ def once(function: Callable[..., Value], *series: Value) -> Value:
     Series may have a first axis of one, or fewer axes, for what is the same in all rows. Bit for bit what the function
     makes of all of them.
     """
-    axes = max(map(np.ndim, series))
-    if axes < _AXES:
+    for s in series:  # at every step of a filter: quicker than the largest of them
+        if isinstance(s, np.ndarray) and s.ndim >= _AXES:
+            break
+    else:
         return function(*series)
     arrays = [np.asarray(s) for s in series]
+    axes = max(a.ndim for a in arrays)
     own = [a.ndim == axes and a.shape[0] > 1 for a in arrays]
     if not any(own):
         return function(*series)

@@ -70,8 +70,8 @@ class MonotoneSpline:
     def voltage(self, soc: Value) -> Value:
         return once(self._read, soc)
 
-    def _read(self, soc: Value) -> Array:
-        return np.asarray(np.interp(soc, self._grid, self._table))
+    def _read(self, soc: Value) -> Value:
+        return np.interp(soc, self._grid, self._table)
 
 
 @dataclass(frozen=True, slots=True)
