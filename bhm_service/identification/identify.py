@@ -6,7 +6,7 @@ load: the rest. Then all numbers on all recordings.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -33,6 +33,7 @@ Ocv = Literal["auto", "spline", "cubic"]
 
 _COARSE = 500  # samples of a recording where forms are compared
 _STRAINED = 5.0  # times what was known of the charge that a recording begins with
+_HELPFUL = {Kind.SLOW: "a slow discharge (--slow)", Kind.PULSES: "pulses (--pulses)"}  # to a model that misses
 _MISSED_V = 0.025  # of a recording of the fit itself; cells that are followed are within 15 mV
 _STAGES = {"one-C": (Kind.ONE_C, Kind.RATE), "variable": (Kind.VARIABLE, Kind.PULSES)}
 _DOUBTS = 2  # rounds in which far samples come to count less
@@ -71,6 +72,11 @@ class ModelResult:
     remarks: tuple[str, ...]
     unseen_v: float  # [V] error on pieces that a fit did not see; NaN where that was not asked
     flying_v: float  # [V] error on a varying load that a fit saw nothing of; NaN where no recording tells
+
+    @property
+    def followed(self) -> bool:
+        """Whether it follows every recording that it was fitted to."""
+        return not _missed(self.assessments)
 
     @property
     def error_v(self) -> float | None:
@@ -166,7 +172,7 @@ def _one(
         ]
     cell = family.finished(solution.values)
     assert isinstance(cell, Circ | Chem)
-    remarks += [*_strained(solution, premises), *_missed(model, assessments)]
+    remarks += [*_strained(solution, premises), *remarked(model, assessments, {e.kind for e in request.experiments})]
     return ModelResult(
         model=model,
         cell=cell,
@@ -247,13 +253,19 @@ def _strained(solution: Solution, premises: Premises) -> list[str]:
     return said
 
 
-def _missed(model: ModelName, assessments: Sequence[Assessment]) -> list[str]:
+def _missed(assessments: Sequence[Assessment]) -> list[Assessment]:
     """Recordings of the fit that it does not follow."""
+    return [a for a in assessments if not a.held_out and a.whole.rmse > _MISSED_V]
+
+
+def remarked(model: ModelName, assessments: Sequence[Assessment], kinds: Set[Kind]) -> list[str]:
+    """Those in words, and what of `_HELPFUL` was not among the recordings of these ``kinds``."""
+    lacking = [said for kind, said in _HELPFUL.items() if kind not in kinds]
+    advice = f"; what helps most: {' and '.join(lacking)}" if lacking else ""
     return [
         f"{model} misses {a.label} by {1e3 * a.whole.rmse:.0f} mV a cell, though it was fitted to it, and is off by as "
-        "much in flight; a slow discharge (--slow) and pulses (--pulses) help most"
-        for a in assessments
-        if not a.held_out and a.whole.rmse > _MISSED_V
+        f"much in flight{advice}"
+        for a in _missed(assessments)
     ]
 
 

@@ -54,7 +54,7 @@ def identified_page(identified: Identified) -> str:
         title=f"{identified.battery.name}: identified",
         subtitle=subtitle(identified),
         source=identified.battery.source,
-        headline=headline(identified),
+        headline=list(zip(headline(identified), [r.followed for r in identified.results], strict=True)),
         quality_header=QUALITY_HEADER,
         quality=quality(identified),
         held_out=any(a.held_out for a in assessed),

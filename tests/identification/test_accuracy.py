@@ -16,7 +16,7 @@ from bhm_service.errors import BadInputError
 from bhm_service.identification.bench import read_bench, read_held_out
 from bhm_service.identification.bench_table import Reading
 from bhm_service.identification.experiment import Experiment, Kind, discharges
-from bhm_service.identification.identify import Identified, Request, identify
+from bhm_service.identification.identify import Identified, Request, identify, remarked
 from bhm_service.units import SECONDS_PER_HOUR
 
 # Of two packs of another simulator; of the cases whose lab runs are read nothing else is.
@@ -146,6 +146,7 @@ def test_one_discharge_that_is_logged_every_ten_seconds_is_followed(lab: Path) -
     (told,) = result.assessments
     assert told.whole.rmse < 0.005
     assert result.unseen_v < 0.05
+    assert result.followed
     assert not any(remark.startswith("circ misses") for remark in result.remarks)
 
 
@@ -154,7 +155,15 @@ def test_a_recording_that_a_model_does_not_follow_is_said_to_be_missed(lab: Path
     waves = 0.06 * np.sign(np.sin(first.time_s / 100.0))
     request = Request(experiments=(replace(first, voltage_v=first.voltage_v + waves),), series=1, models=("circ",))
     (result,) = identify(request).results
-    assert any(remark.startswith(f"circ misses {first.label} by ") for remark in result.remarks)
+    (said,) = [remark for remark in result.remarks if remark.startswith(f"circ misses {first.label} by ")]
+    assert said.endswith("; what helps most: a slow discharge (--slow) and pulses (--pulses)")
+    assert not result.followed
+    for kinds, advice in (
+        ({Kind.SLOW}, "; what helps most: pulses (--pulses)"),
+        ({Kind.SLOW, Kind.PULSES}, "in flight"),
+    ):
+        (said,) = remarked("circ", result.assessments, kinds)
+        assert said.endswith(advice)
 
 
 def test_capacity_of_every_discharge_of_an_ageing_cell_is_the_data_sets_own(lab: Path) -> None:

@@ -82,6 +82,14 @@ def test_errors_shown_are_those_of_the_voltages_drawn(done):
     assert "a fit to it alone reaches" in headline(done)[0]
 
 
+@pytest.mark.parametrize(("error_v", "tone"), [(0.008, "good"), (0.06, "warn")])
+def test_a_model_that_misses_what_it_was_fitted_to_is_no_good_news(done, error_v, tone):
+    first, *others = done.results[0].assessments
+    assessed = (replace(first, whole=replace(first.whole, rmse=error_v)), *others)
+    page = identified_page(replace(done, results=(replace(done.results[0], assessments=assessed),)))
+    assert f'<p class="{tone}">circ: ' in page
+
+
 @pytest.mark.parametrize(("volts", "said"), [(0.0123, True), (float("nan"), False)])
 def test_what_a_varying_load_is_foretold_to_is_said_where_one_was_recorded(done, volts, said):
     (sentence,) = headline(replace(done, results=(replace(done.results[0], flying_v=volts),)))
