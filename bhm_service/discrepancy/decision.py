@@ -56,11 +56,11 @@ def decide(
     standing = _significant(unseen, second, closer, rng)
     chosen = standing.chosen if told_from_lab(unseen.found, standing.chosen.names) else NOTHING
     chosen, left = outweighed(unseen.found, chosen, closer.lab, logs)
-    for likelier in (with_the_load,) if isinstance(left, Recurring) else (with_the_zero,):
-        first = likelier(unseen.found, chosen)
-        other = None if first is chosen else _standing(unseen, second, first, rng)
-        if other is not None and timed(closer, first.names):
-            standing, chosen = other, first
+    likelier = with_the_load if isinstance(left, Recurring) else with_the_zero
+    first = likelier(unseen.found, chosen)
+    other = None if first is chosen else _standing(unseen, second, first, rng)
+    if other is not None and timed(closer, first.names):
+        standing, chosen = other, first
     kept = standing.contests if chosen.names else ()
     return Decision(chosen=chosen, p_values=standing.p_values, contests=kept, left=left)
 

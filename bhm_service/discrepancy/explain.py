@@ -134,14 +134,16 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
             effect_in_words(e.id, values_of(teller(fits, e.id), e.id), lab, flights, courses) for e in findings.effects
         ],
         findings=findings,
-        demand=demand_side(request.vehicle, request.flights, _missing_a(fitted)),
+        demand=demand_side(request.vehicle, request.flights, missing_a(fitted)),
     )
 
 
-def _missing_a(fitted: Fitted) -> float:
-    """What a set has the current sensor read too little at all times. [A]"""
-    values = fitted.joint.values(fitted.x[None, :])
-    return float(values.get(f"{CurrentOffset.id}.offset", np.zeros((1, 1)))[0, 0])
+def missing_a(fitted: Fitted) -> float:
+    """What a set, and the battery file, have the current sensor read too little at all times. [A]"""
+    effects = [*fitted.joint.lab.effects]
+    for member in fitted.joint.members:
+        effects += member.effects(fitted.joint.values(fitted.x[None, :]), np.arange(1))
+    return float(sum(np.ravel(e.offset)[0] for e in effects if isinstance(e, CurrentOffset)))
 
 
 def _lab(request: Request, model: ModelName, flights: Sequence[FlightData]) -> Lab:

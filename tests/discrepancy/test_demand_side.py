@@ -9,8 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from discrepancy.explained import findings
+from discrepancy.flown import base, flown, with_members
 from discrepancy.ridden import CLIMB, EFFICIENCY, ridden, vehicle
 
+from bhm_service.battery.effects import EFFECTS
 from bhm_service.config import Vehicle
 from bhm_service.discrepancy.demand_drift import drifting
 from bhm_service.discrepancy.demand_findings import joined_findings
@@ -18,7 +20,8 @@ from bhm_service.discrepancy.demand_model import Demand, craft_of, flown_of
 from bhm_service.discrepancy.demand_release import releases
 from bhm_service.discrepancy.demand_search import choose, search
 from bhm_service.discrepancy.demand_side import DemandSide, NotLooked, demand_side
-from bhm_service.discrepancy.fitting import fit
+from bhm_service.discrepancy.explain import missing_a
+from bhm_service.discrepancy.fitting import Fitted, fit
 from bhm_service.discrepancy.noise import Noise
 from bhm_service.discrepancy.odds import NATS, STRONG
 from bhm_service.discrepancy.sidecar import Notes
@@ -64,6 +67,16 @@ def test_what_a_sensor_reads_too_little_at_all_times_is_no_power_that_nothing_ex
     assert known.verdict == "none" and known.rest == 0.0
     # Power stays what the sensor reads: the vehicle file is used beside the same sensor.
     assert known.level.value == pytest.approx(as_read.level.value, abs=0.01)
+
+
+def test_a_sensor_reads_too_little_by_what_the_battery_file_says_and_what_was_found_beside():
+    offset = frozenset({"current-offset"})
+    joint = with_members([flown(samples=60)], offset)
+    joint = replace(joint, lab=replace(joint.lab, effects=(*joint.lab.effects, EFFECTS["current-offset"](offset=1.5))))
+    x = joint.unknowns.start.copy()
+    x[joint.places["current-offset.offset"]] = -0.25
+    assert missing_a(Fitted(joint, Noise(0.5, 0.0, 0.02), x, 0.0, [], np.eye(x.size), 0.0 * x)) == pytest.approx(1.25)
+    assert missing_a(fit(base([flown(samples=60)]), Noise(0.5, 0.0, 0.02))) == 0.0
 
 
 def test_a_vehicle_that_flies_as_its_file_says_lacks_nothing(complete):
