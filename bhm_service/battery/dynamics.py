@@ -75,11 +75,7 @@ class Course:
         return start + np.cumsum(change, axis=-1)
 
     def lag(self, start: Value, target_begin: Value, target_end: Value, tau: Value) -> Value:
-        return once(self._lag, start, target_begin, target_end, tau)
-
-    def _lag(self, start: Value, target_begin: Value, target_end: Value, tau: Value) -> Array:
-        decay, of_begin, of_end = _shares(self.dt / tau)
-        return recurrence(decay, target_begin * of_begin + target_end * of_end, start)
+        return once(_lagged, self.dt, start, target_begin, target_end, tau)
 
     def begin(self, start: Value, ends: Value) -> Array:
         ends = np.asarray(ends)
@@ -111,6 +107,11 @@ class Follower:
         found = np.zeros((*ends.shape[:-1], series.shape[-1]))
         found[..., 1:] = ends
         return found
+
+
+def _lagged(dt: Array, start: Value, target_begin: Value, target_end: Value, tau: Value) -> Array:
+    decay, of_begin, of_end = _shares(dt / tau)
+    return recurrence(decay, target_begin * of_begin + target_end * of_end, start)
 
 
 def _trail(ratio: Value) -> Value:

@@ -54,3 +54,11 @@ def test_a_lag_of_many_rows_is_that_of_each_to_the_last_bit():
     together = course.lag(start, target, 1.1 * target, tau)
     for k in range(len(of)):
         np.testing.assert_array_equal(together[k], course.lag(start[k], target[k], 1.1 * target[k], tau[k]))
+
+
+def test_a_lag_whose_rows_differ_by_their_intervals_only_is_that_of_each():
+    dt = np.array([1.0, 2.0, 1.0])[:, None, None] * np.ones((3, 2, 30))
+    target = np.repeat(FOLLOWED[:1], 3, axis=0)
+    together = Course(dt).lag(0.0, target, target, 9.0)
+    for k in range(3):
+        np.testing.assert_array_equal(together[k], Course(dt[k]).lag(0.0, target[k], target[k], 9.0))
