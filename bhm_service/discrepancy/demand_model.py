@@ -6,7 +6,7 @@ the avionics, how one flight's hover differs from the next's, and the numbers th
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -247,17 +247,12 @@ class Demand:
             for k, f in enumerate(self.flights)
         ]
 
-    def linearised(
-        self, x: Array, noise: Noise, moving: Collection[str] | None = None
-    ) -> tuple[list[Array], list[Slopes]]:
-        """Whitened residuals of every flight, and their derivatives by the vector in standard deviations.
-
-        By the blocks named, or by all of them.
-        """
+    def linearised(self, x: Array, noise: Noise) -> tuple[list[Array], list[Slopes]]:
+        """Whitened residuals of every flight, and their derivatives by the vector in standard deviations."""
         rows, slopes = [], []
         steps = np.where(x + _STEP * self.scale > self.unknowns.high, -_STEP, _STEP) * self.scale
         for k, data in enumerate(self.flights):
-            used = self._used(k, moving)
+            used = self._used(k)
             points = np.tile(x, (used.size + 1, 1))
             points[np.arange(1, used.size + 1), used] += steps[used]
             white = noise.whitened((data.power_w - self.predicted(points, k)) / self.craft.hover_w)
@@ -265,12 +260,12 @@ class Demand:
             slopes.append(Slopes(((white[1:] - white[0]) / (steps / self.scale)[used, None]).T, used, x.size))
         return rows, slopes
 
-    def _used(self, flight: int, moving: Collection[str] | None) -> Places:
-        """The numbers of the vector that a flight depends on, of all blocks or of some."""
+    def _used(self, flight: int) -> Places:
+        """The numbers of the vector that a flight depends on."""
         own = {"flight", *(t.key for t in self.terms if t.per_flight)}
-        where = {n: np.arange(p.start, p.stop) for n, p in self.places.items() if moving is None or n in moving}
-        parts = [w[flight : flight + 1] if n in own else w for n, w in where.items()]
-        return np.concatenate([np.zeros(0, dtype=np.intp), *parts])
+        where = [np.arange(p.start, p.stop) for p in self.places.values()]
+        parts = [w[flight : flight + 1] if n in own else w for n, w in zip(self.places, where, strict=True)]
+        return np.concatenate(parts)
 
     def with_terms(self, terms: Sequence[Term]) -> Demand:
         """The same flights under other terms."""

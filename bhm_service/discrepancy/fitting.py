@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Generic, Protocol
 
 import numpy as np
@@ -54,13 +54,8 @@ class Problem(Protocol):
         """For each flight whitened residuals (N,)."""
         ...
 
-    def linearised(
-        self, x: Array, noise: Noise, moving: Collection[str] | None = None
-    ) -> tuple[list[Array], list[Slopes]]:
-        """For each flight whitened residuals (N,) and their slopes by the vector in standard deviations.
-
-        ``moving`` names the blocks whose slopes are asked for, all of them if left out.
-        """
+    def linearised(self, x: Array, noise: Noise) -> tuple[list[Array], list[Slopes]]:
+        """For each flight whitened residuals (N,) and their slopes by the vector in standard deviations."""
         ...
 
 
@@ -223,12 +218,13 @@ def fit(
     ``moving`` names the blocks that move. What is far from the cost ``aim``, by default that of noise alone, is not
     looked at closely: it will not be the answer.
     """
-    return _descended(joint, noise, start, rounds, moving, aim, None)
+    return _descended(joint, noise, start, rounds, moving, aim, partial(joint.linearised, noise=noise))
 
 
-def moved(joint: ProblemT, noise: Noise, start: Array, moving: Collection[str], rounds: int = 30) -> Array:
+def moved(joint: Joint, noise: Noise, start: Array, moving: Collection[str], rounds: int = 30) -> Array:
     """The vector (n,) of such a `fit`, sooner: nothing is learnt of the blocks that stand still."""
-    return _descended(joint, noise, start, rounds, moving, None, moving).x
+    linearised = partial(joint.linearised, noise=noise, moving=moving)
+    return _descended(joint, noise, start, rounds, moving, None, linearised).x
 
 
 def _descended(
@@ -238,16 +234,16 @@ def _descended(
     rounds: int,
     moving: Collection[str] | None,
     aim: float | None,
-    asked: Collection[str] | None,
+    linearised: Callable[[Array], tuple[list[Array], list[Slopes]]],
 ) -> Fitted[ProblemT]:
-    """As `fit`; ``asked`` names the blocks whose slopes are made."""
+    """As `fit`, by the slopes that ``linearised`` makes."""
     unknowns = joint.unknowns
     still = np.zeros(unknowns.start.size, dtype=bool)
     for block in unknowns.blocks if moving is not None else ():
         still[unknowns.slice_of(block.name)] = block.name not in (moving or ())
     low, high, scale = unknowns.low, unknowns.high, joint.scale
     x = np.clip(unknowns.start if start is None else start, low, high)
-    rows, slopes = joint.linearised(x, noise, asked)
+    rows, slopes = linearised(x)
     cost = _cost(joint, x, rows)
     curvature, gradient = _curvature(joint, rows, slopes), _gradient(joint, x, rows, slopes)
     damping, slow = _DAMPING, False
@@ -267,7 +263,7 @@ def _descended(
         if gain <= 0.0:
             break
         x, cost = trial, cost - gain
-        rows, slopes = joint.linearised(x, noise, asked)
+        rows, slopes = linearised(x)
         curvature, gradient = _curvature(joint, rows, slopes), _gradient(joint, x, rows, slopes)
         share = gain / max(expected, gain * _LEAST_DAMPING)
         damping = max(damping * max(0.2, 1.0 - (2.0 * share - 1.0) ** 3), _LEAST_DAMPING)

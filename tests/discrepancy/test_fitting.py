@@ -112,7 +112,7 @@ class Formed:
     def residuals(self, x, noise):
         return [self._told - x[0] * (self._plain + x[1] * self._form)]
 
-    def linearised(self, x, noise, moving=None):
+    def linearised(self, x, noise):
         by = -np.column_stack([self._plain + x[1] * self._form, x[0] * self._form]) * self.scale
         return self.residuals(x, noise), [Slopes(by, np.arange(2), 2)]
 
