@@ -47,15 +47,20 @@ def begins_as_read(at: Fitted[Joint], added: Mapping[str, Array]) -> bool:
 
 def before_load(flight: FlightData) -> Flags:
     """The samples with a voltage that a flight begins with, while next to nothing is drawn."""
-    idle = np.logical_and.accumulate(np.abs(flight.current_a) < _IDLE * np.mean(flight.flown_a))
-    return np.asarray(idle & np.isfinite(flight.voltage_v))
+    return np.asarray(_until_loaded(flight, np.abs(flight.current_a)) & np.isfinite(flight.voltage_v))
 
 
 def unloaded_a(flights: Sequence[FlightData]) -> float | None:
     """What the current sensor reads on average before flights' load begins. [A] None where all begin under load."""
     means = []
     for flight in flights:
-        rests = np.logical_and.accumulate(flight.current_a < _IDLE * np.mean(flight.flown_a))
+        # A reading below zero is no charge that moves a voltage: it is what is looked for.
+        rests = _until_loaded(flight, flight.current_a)
         if rests.any():
             means.append(float(np.mean(flight.current_a[rests])))
     return float(np.mean(means)) if means else None
+
+
+def _until_loaded(flight: FlightData, drawn_a: Array) -> Flags:
+    """The samples that a flight begins with, while next to nothing of its load is drawn."""
+    return np.asarray(np.logical_and.accumulate(drawn_a < _IDLE * np.mean(flight.flown_a)))

@@ -26,7 +26,7 @@ from bhm_service.discrepancy.odds import BRIEF, NATS, NEAR, STRUCTURAL, Names
 from bhm_service.discrepancy.patterns import BOARD, Pattern, telling
 from bhm_service.discrepancy.recurring import Recurring, recurring
 from bhm_service.discrepancy.search import Search
-from bhm_service.discrepancy.selection import MUCH, NOTHING, Selection, added, price, select, share
+from bhm_service.discrepancy.selection import MUCH, NOTHING, Selection, price, select, selected, share
 from bhm_service.discrepancy.significance import familywise
 from bhm_service.discrepancy.timing import timed
 
@@ -166,8 +166,7 @@ def with_the_load(found: Search, chosen: Selection) -> Selection:
     loaded = next((names for names in equals if UnseenLoad.id in names), chosen.names)
     if loaded == chosen.names:
         return chosen
-    others = tuple(names for names in equals if names != loaded)
-    return Selection(loaded, others, found.earned(loaded), added(found, loaded))
+    return selected(found, loaded, (names for names in equals if names != loaded))
 
 
 def with_the_zero(found: Search, chosen: Selection) -> Selection:
@@ -182,13 +181,12 @@ def with_the_zero(found: Search, chosen: Selection) -> Selection:
     if loaded is None or read_a is None or all(c.id != CurrentOffset.id for c in found.candidates):
         return chosen
     at = found.fitted(loaded)
-    drawn_a = float(at.joint.values(at.x[None, :])[f"{UnseenLoad.id}.current"][0, 0])
+    drawn_a = float(at.x[at.joint.places[f"{UnseenLoad.id}.current"]][0])
     if -read_a <= _MOST * drawn_a:
         return chosen
     zeroed = loaded - {UnseenLoad.id} | {CurrentOffset.id}
     found.fitted(zeroed, at)
-    others = tuple(names for names in equals if names != zeroed and UnseenLoad.id not in names)
-    return Selection(zeroed, others, found.earned(zeroed), added(found, zeroed))
+    return selected(found, zeroed, (names for names in equals if names != zeroed and UnseenLoad.id not in names))
 
 
 def _foreign(found: Search, names: Names, left: Recurring | ChangedLag | Pattern | None) -> Pattern | None:

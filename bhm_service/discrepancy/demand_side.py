@@ -101,8 +101,9 @@ def demand_side(
     if craft is None:
         return NotLooked("the vehicle file has no [rotors]")
     airs = airs_k(flights)
-    aloft_v = np.concatenate([data.voltage_v[data.airborne] for data in flights])
-    zero = Zero(missing_a, float(np.nanmean(aloft_v))) if missing_a else EXACT
+    zero = EXACT
+    if missing_a:
+        zero = Zero(missing_a, float(np.nanmean(np.concatenate([f.voltage_v[f.airborne] for f in flights]))))
     told = (flown_of(data.thinned(_SAMPLES), air_k, zero) for data, air_k in zip(flights, airs, strict=True))
     flown = [f for f in told if f is not None]
     if len(flown) < _FEWEST:

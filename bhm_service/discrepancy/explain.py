@@ -140,10 +140,10 @@ def explain(request: Request, progress: Progress = lambda _: None) -> Explanatio
 
 def missing_a(fitted: Fitted) -> float:
     """What a set, and the battery file, have the current sensor read too little at all times. [A]"""
-    effects = [*fitted.joint.lab.effects]
-    for member in fitted.joint.members:
-        effects += member.effects(fitted.joint.values(fitted.x[None, :]), np.arange(1))
-    return float(sum(np.ravel(e.offset)[0] for e in effects if isinstance(e, CurrentOffset)))
+    values = fitted.joint.values(fitted.x[None, :])
+    found = [e for member in fitted.joint.members for e in member.effects(values, np.arange(1))]
+    known = fitted.joint.lab.effects
+    return float(sum(np.ravel(e.offset)[0] for e in (*known, *found) if isinstance(e, CurrentOffset)))
 
 
 def _lab(request: Request, model: ModelName, flights: Sequence[FlightData]) -> Lab:

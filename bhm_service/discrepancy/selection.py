@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,8 +91,12 @@ def select(found: Search, refuted: Collection[Names] = (), absent: Names = froze
             break
     if not near:
         return NOTHING
-    chosen = near[0]
-    return Selection(chosen, tuple(near[1:]), found.earned(chosen), added(found, chosen))
+    return selected(found, near[0], near[1:])
+
+
+def selected(found: Search, names: Names, alternatives: Iterable[Names] = ()) -> Selection:
+    """A set as the one that is chosen, before its alternatives."""
+    return Selection(names, tuple(alternatives), found.earned(names), added(found, names))
 
 
 def _best(found: Search, absent: Names) -> Names:
@@ -113,7 +117,7 @@ def taken(found: Search, names: Names) -> Selection:
     """A set at its word: those of it that the flights can show, whatever they earn, against no rival."""
     there = names & {c.id for c in found.candidates}
     found.fitted(there, found.fits[found.ranked()[0]])
-    return Selection(there, (), found.earned(there), added(found, there)) if there else NOTHING
+    return selected(found, there) if there else NOTHING
 
 
 def _near(found: Search, refuted: Collection[Names], absent: Names) -> list[Names]:
